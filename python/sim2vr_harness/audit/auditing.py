@@ -78,6 +78,11 @@ def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Aud
     if request.game is not None:
         for condition in request.condition or (None,):
             targets += _of_game(request, condition, say)
+    # An app that raises its user lowers its world, as the body stays where it is.
+    down_m = np.array([0.0, request.height_offset, 0.0])
+    targets = [
+        each if each.from_head else replace(each, place_m=each.place_m - down_m) for each in targets
+    ]
     return run(
         request.title,
         targets,

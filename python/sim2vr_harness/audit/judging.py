@@ -20,6 +20,9 @@ from sim2vr_harness.users.kinematics.inverse import CLOSE_M
 
 HALF_FIELD_DEG = 45.0
 """Half the field of view of the headset, to every side (as our apps draw it)."""
+EASY_RAISED_DEG = (-30.0, 15.0)
+"""Elevations of targets, seen from the eyes, between which the neck bears little (Penumudi et al.
+2020)."""
 _EASY = 0.25
 """Share of activation below which no other posture is tried."""
 _HELD = 2
@@ -93,6 +96,7 @@ class Judged:
         one_hand: (N, T) True if at least one hand reaches.
         needed_m: (N, T, 3) shift of the target after which the hand reaches it: right, up, ahead.
         places_m: (N, T, 3) positions of the targets: right, up, ahead.
+        gaze: (3, N, T) results of :func:`gaze`; 0 if nothing was searched.
         grip_share: (N, T) grip force as a share of the person's; 0 if nothing is gripped.
         exertion: (9, N, T) results of :func:`hold`; NaN: not reached.
         postures: (N, T, J) of the independent joints; NaN: not reached.
@@ -109,6 +113,7 @@ class Judged:
     one_hand: Bools
     needed_m: FloatArray
     places_m: FloatArray
+    gaze: FloatArray
     grip_share: FloatArray
     exertion: FloatArray
     postures: FloatArray
@@ -120,7 +125,7 @@ class Judged:
         joined: dict[str, Any] = {
             each.name: np.concatenate(
                 [getattr(part, each.name) for part in parts],
-                axis=2 if each.name == "exertion" else 1,
+                axis=2 if each.name in ("exertion", "gaze") else 1,
             )
             for each in fields(cls)
             if each.name not in ("limitation", "paced")
@@ -157,6 +162,32 @@ class Judged:
         return dict(zip(MODELS, self.exertion[6:], strict=True))
 
 
+def directions(crowd: Crowd, persons: Ints, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (B,) degrees to the right and (B,) degrees up of places, from the eyes at rest."""
+    ahead, left, up = np.moveaxis(places - crowd.heads[persons], -1, 0)
+    aside = np.degrees(np.arctan2(-left, ahead))
+    return aside, np.degrees(np.arctan2(up, np.hypot(ahead, left)))
+
+
+def gaze(crowd: Crowd, persons: Ints, places: FloatArray) -> FloatArray:
+    """Return (3, B) :func:`directions`, and the neck's torque as a share of its strength.
+
+    The neck turns and nods towards the place within its limits; the torque is that of flexion.
+    """
+    aside, raised = directions(crowd, persons, places)
+    share = np.zeros(len(persons))
+    for row, person in enumerate(persons.tolist()):
+        subject = crowd.subjects[person]
+        body, model, angles = subject.body, subject.body.physics_model, crowd.rest.copy()
+        for joint, degrees in ((_TURN, aside[row]), (_NOD, -raised[row])):
+            column = body.independent_joints.index(joint)
+            angles[column] = np.clip(np.radians(degrees), *body.joint_ranges[column])
+        need = float(subject.holder.gravity(angles)[model.joint(_NOD).dofadr[0]])
+        low, high = model.actuator(f"{_NOD}_motor").forcerange
+        share[row] = need / (high if need > 0.0 else low)
+    return np.array([aside, raised, share])
+
+
 def seen(crowd: Crowd, persons: Ints, places: FloatArray) -> Bools:
     """Return (B,) whether places come into view when the head turns within its limits.
 
@@ -167,9 +198,7 @@ def seen(crowd: Crowd, persons: Ints, places: FloatArray) -> Bools:
         np.degrees(body.joint_ranges[body.independent_joints.index(joint)])
         for joint in (_TURN, _NOD)
     )
-    ahead, left, up = np.moveaxis(places - crowd.heads[persons], -1, 0)
-    aside = np.degrees(np.arctan2(-left, ahead))
-    raised = np.degrees(np.arctan2(up, np.hypot(ahead, left)))
+    aside, raised = directions(crowd, persons, places)
     across = (aside >= turn[0] - HALF_FIELD_DEG) & (aside <= turn[1] + HALF_FIELD_DEG)
     # Forward is positive: the greatest nod looks down.
     upright = (raised >= -nod[1] - HALF_FIELD_DEG) & (raised <= -nod[0] + HALF_FIELD_DEG)
@@ -251,6 +280,7 @@ def judge(
         one_hand,
         needed_m,
         places_m,
+        np.zeros((3, n, t)),
         np.array([[grip_share(s, each, limitation) for each in targets] for s in crowd.subjects]),
         np.full((6 + len(MODELS), n, t), np.nan),
         np.full((n, t, len(crowd.rest)), np.nan),
@@ -262,6 +292,8 @@ def judge(
         places = crowd.places(target, persons)
         judged.places_m[:, column] = position_to_app(places)
         judged.seen[:, column] = seen(crowd, persons, places)
+        if muscles:
+            judged.gaze[:, :, column] = gaze(crowd, persons, places)
         if target.how == "look":
             for told in (judged.reached, judged.held, judged.one_hand):
                 told[:, column] = True

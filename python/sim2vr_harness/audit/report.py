@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from sim2vr_harness.audit.acting import Actor
 from sim2vr_harness.audit.hull import ball_scene
@@ -17,8 +18,8 @@ from sim2vr_harness.audit.pacing import MODELS
 from sim2vr_harness.audit.population import FEWEST, MODEL
 from sim2vr_harness.audit.reaching import MIRROR
 from sim2vr_harness.audit.remedies import GOAL
-from sim2vr_harness.audit.summary import EVERYONE, Audit, plain
-from sim2vr_harness.base.files import write_atomically
+from sim2vr_harness.audit.summary import CLAUSES, EVERYONE, Audit, plain
+from sim2vr_harness.base.files import naming, write_atomically
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.figures.figure import GREY, INK, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
@@ -26,7 +27,7 @@ from sim2vr_harness.figures.html import Part, drawn, image, listed, save_page, t
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.play.film import Film
 from sim2vr_harness.users import load_body
-from sim2vr_harness.users.rendering import OrbitView, UserRenderer
+from sim2vr_harness.users.rendering import OrbitView, RenderingError, UserRenderer
 
 FloatArray = NDArray[np.float64]
 
@@ -59,6 +60,9 @@ _TRUNK_M = 0.6
 _AWAY_M, _AWAY = 0.6, 1.1
 """Distance of the camera: a constant in m, plus a factor on the size of its view."""
 _AZIMUTH_DEG, _ELEVATION_DEG = 115.0, -12.0
+_PICTURE, _LEGEND, _PAPER = (1280, 960), 48, "#ffffff"
+_BEHIND = (38.0, -14.0)
+"""Azimuth and elevation of the picture's view: over the right shoulder, degrees."""
 VIEWS = ((-130.0, 18.0), (-60.0, 30.0))
 """Azimuth and elevation of the cameras of web pages and of printed figures, degrees."""
 _LETTER, _LINE = 0.02, 0.05
@@ -82,7 +86,10 @@ def write(audit: Audit, out: Path, *, film: bool = True) -> list[Path]:
     text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False)
     write_atomically(file, text.encode() + b"\n")
     worst, still = None, out / "targets.png"
-    write_figure(Figure("targets", "Targets", _CAPTION, (_space(audit),)), still)
+    try:
+        write_picture(audit, still)
+    except RenderingError:  # no OpenGL
+        write_figure(Figure("targets", "Targets", _CAPTION, (_space(audit),)), still)
     if film:
         (out / "worst.mp4").unlink(missing_ok=True)
         try:
@@ -209,7 +216,8 @@ def answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 def _first(values: Mapping[str, Any], still: Path) -> list[Part]:
     """Return the picture and the table of the first screen."""
-    header, rows = _ANSWER, answers(values)
+    header = _ANSWER
+    rows = [(*row, CLAUSES.get(row[3], "")) for row in answers(values)]
     if not rows:
         header, columns = ("target", "can use it", "seen", "reached"), ("usable", "seen", "reached")
         hard = sorted(values["targets"], key=lambda each: each["usable"]["share"] or 0.0)
@@ -253,6 +261,16 @@ def _sections(
         header = ("group", "persons", *(["every target"] if first else []), *chosen)
         sections[-1][1].append(table(header, shares))
     sections.append(("Exertion by target", [_exertion_table(values), _EXERTION]))
+    necks = [
+        (
+            each["name"],
+            *(f"{each['gaze'][key][1]:.0f}" for key in ("rotation_deg", "elevation_deg")),
+            f"{each['gaze']['share_of_neck_strength'][1]:.2f}",
+            _percent(each["gaze"]["easy_elevation"]),
+        )
+        for each in values["targets"]
+    ]
+    sections.append(("Neck and eyes", [table(_NECK_HEADER, necks), _NECK]))
     if any(each["operated"] for each in values["targets"]):
         sections.append(("Acted out", [_operated_table(values), _OPERATED]))
     if values["paths"]:
@@ -266,6 +284,7 @@ def _sections(
         (EVERYONE, "stature, segments, strength, handedness: docs/concepts/people.md", "yes"),
         ("field of view, neck", "90 degrees; Apti, Colak and Akcay 2023", "yes"),
         ("grip", GRIP.source, "no"),
+        ("neck and eyes", "Penumudi et al. 2020; Fice et al. 2014", "no"),
     ]
     sources += [
         (group["name"], group["source"], "yes" if group["verified"] else "no")
@@ -275,6 +294,19 @@ def _sections(
     return [*sections, ("Sources", [table(("group", "source", "verified"), sources)])]
 
 
+_NECK_HEADER = (
+    "target",
+    "degrees to the right",
+    "degrees up",
+    "of neck strength",
+    "between 30 degrees below and 15 above",
+)
+_NECK = (
+    "Medians, seen from the eyes at rest. The neck turns to the target within its limits; beyond "
+    "them the eyes do. People load their neck more when targets are more than 15 degrees above or "
+    "30 degrees below the eyes (Penumudi et al. 2020). Of neck strength: the torque of the weight "
+    "of head and headset in flexion (strength: Fice et al. 2014)."
+)
 _NO_SHIFT = "No shift of up to 1.5 m"
 _ANSWER: tuple[str, ...] = (
     "who",
@@ -282,6 +314,7 @@ _ANSWER: tuple[str, ...] = (
     "can use it",
     "why not",
     "smallest change that includes 95 %",
+    "concerns",
 )
 _OPERATED = (
     "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "
@@ -294,7 +327,7 @@ _PATHS = (
 
 
 _CAPTION = (
-    "Targets for a person of median stature; the greener a target, the more people can use it."
+    "A person of median stature among the targets; colours say how many people can use a target."
 )
 _TURN = (
     "The same in space: turn it with the mouse or a finger. Lines: eyes, shoulders, and the way "
@@ -467,6 +500,69 @@ def write_film(audit: Audit, file: Path) -> Path | None:
     except BaseException:
         film.discard()
         raise
+
+
+def write_picture(audit: Audit, file: Path) -> None:
+    """Write a picture of the person of median stature among the targets.
+
+    The person holds the target that most people can use. Colours and percentages show the
+    proportion of people who can use a target.
+
+    Raises:
+        RenderingError: No renderer is available.
+    """
+    person = audit.subjects[audit.middle]
+    lift_m = np.array([0.0, 0.0, audit.lifts_m[audit.middle]])
+    side = MIRROR if person.mirrored else np.ones(3)
+    # The drawn person is right-handed, so targets of a left-handed one are mirrored, too.
+    places = position_to_mujoco(audit.judged.places_m[audit.middle]) * side - lift_m
+    usable = audit.judged.usable.mean(axis=0)
+    classes = [
+        next(k for k, (least, *_) in enumerate(_CLASSES) if part >= least) for part in usable
+    ]
+    colours = [(*(c / 255.0 for c in ImageColor.getrgb(_CLASSES[k][2])), 1.0) for k in classes]
+    body = load_body(MODEL, person=person.user.person, torso=True, appearance=True)
+    reached = np.isfinite(audit.judged.postures[audit.middle]).all(axis=1)
+    posture = np.zeros(len(body.independent_joints))
+    if reached.any():
+        easiest = int(np.where(reached, usable, -1.0).argmax())
+        posture = audit.judged.postures[audit.middle, easiest]
+    head = position_to_mujoco(audit.landmarks_m[0]) - lift_m
+    shown = np.stack([head, head * [1.0, 1.0, 0.0], *places])
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    extent_m = float(np.linalg.norm(high - low))
+    x, y, z = ((low + high) / 2.0).tolist()
+    view = OrbitView((x, y, z), _AWAY_M + _AWAY * extent_m, *_BEHIND)
+    scene = ball_scene(list(position_to_app(places)), colours, max(_BALL_M, 0.015 * extent_m))
+    with UserRenderer(body, *_PICTURE) as renderer:
+        pixels = renderer.render(body.coupled_qpos(posture), view, None, scene)
+        at = renderer.project(places, view)
+    image = Image.fromarray(pixels)
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(22)
+    taken: list[tuple[float, float, float, float]] = []
+
+    for i in np.argsort(usable, kind="stable"):  # where there is no room, the worst have labels
+        text = audit.targets[i].name
+        if len(audit.subjects) >= FEWEST:
+            text += f" {100.0 * usable[i]:.0f} %"
+        for dx, dy, anchor in ((20, 0, "lm"), (-20, 0, "rm"), (0, -26, "mb"), (0, 26, "mt")):
+            place = (at[i, 0] + dx, at[i, 1] + dy)
+            box = draw.textbbox(place, text, font, anchor)
+            inside = box[0] >= 0 and box[2] <= _PICTURE[0] and box[3] <= _PICTURE[1] - _LEGEND
+            if inside and all(
+                box[2] < b[0] or b[2] < box[0] or box[3] < b[1] or b[3] < box[1] for b in taken
+            ):
+                taken.append(box)
+                draw.rectangle((box[0] - 4, box[1] - 3, box[2] + 4, box[3] + 3), _PAPER)
+                draw.text(place, text, INK, font, anchor)
+                break
+    draw.rectangle((0, _PICTURE[1] - _LEGEND, *_PICTURE), _PAPER)
+    for k, number in enumerate(sorted(set(classes))):
+        x, y = 24 + k * _PICTURE[0] / 4, _PICTURE[1] - _LEGEND / 2
+        draw.ellipse((x - 10, y - 10, x + 10, y + 10), _CLASSES[number][2])
+        draw.text((x + 20, y), _CLASSES[number][1], INK, font, "lm")
+    with naming(file):
+        image.save(file)
 
 
 def screen(places: FloatArray, azimuth_deg: float, elevation_deg: float) -> FloatArray:

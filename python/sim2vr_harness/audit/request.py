@@ -68,6 +68,9 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
         shown="500; with --user it alone",
     )
     stance: str = option("Of the persons: seated or standing.", "seated", metavar="STANCE")
+    height_offset: float = option(
+        "By how much the app raises its users above where they are, m; lower: negative.", 0.0
+    )
     pace: float = option("Uses of a target in a minute.", 20.0, metavar="N")
     operate: int = option("How many persons act it out.", 0, metavar="N")
     seed: int = option("Other persons for another seed.", 1)
@@ -93,6 +96,7 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
             ("--seed", self.seed, 0, 2**31 - 1, f"0 to {2**31 - 1}"),
             ("--pace", self.pace, 0.1, 120.0, "0.1 to 120 uses in a minute"),
             ("--operate", self.operate, 0, people, f"0 to the {people} persons of --people"),
+            ("--height-offset", self.height_offset, -2.0, 2.0, "-2 to 2 m"),
             ("--cell", self.cell, 0.01, 0.2, "0.01 to 0.2 m"),
             ("--seconds", self.seconds, 1e-9, 600.0, "more than 0, at most 600"),
         ):
@@ -115,10 +119,13 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
                 raise InputError("--game, --page, --targets or --session", "none", "one of them")
             if self.overrides and self.game is None and not self.app:
                 raise InputError("--set", "it without an app", "it with --game or --page")
-        for flag in ("stance", "pace", "operate", "how", "expect") if self.user else ():
+        for flag in (
+            ("stance", "height_offset", "pace", "operate", "how", "expect") if self.user else ()
+        ):
             if getattr(self, flag) != getattr(alone, flag):
                 expected = "it without --user: it is about a population"
-                raise InputError(f"--{flag}", "it together with --user", expected)
+                name = flag.replace("_", "-")
+                raise InputError(f"--{name}", "it together with --user", expected)
         if self.pose is not None:
             for flag in ("game", "targets", "session", "point", "tool", "app", "cell"):
                 if getattr(self, flag) != getattr(alone, flag):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.audit.acting import Acted
-from sim2vr_harness.audit.judging import Judged, can_grip
+from sim2vr_harness.audit.judging import EASY_RAISED_DEG, Judged, can_grip
 from sim2vr_harness.audit.pacing import MODELS
 from sim2vr_harness.audit.population import FEWEST, Group, Limitation, Stance, Subject
 from sim2vr_harness.audit.reaching import Bools, FloatArray, Ints
@@ -42,6 +42,20 @@ def cause(judged: Judged, target: Target, person: int, column: int) -> str | Non
             return "too heavy"
         return "too weak to hold the arm" if weak else "held too long"
     return None
+
+
+_REACH, _STRENGTH = "EN 301 549, 4.2.8 limited reach", "EN 301 549, 4.2.7 limited strength"
+_MOTION = "XAUR, motion agnostic interactions"
+CLAUSES = {
+    "needs two hands": "EN 301 549, 5.9 simultaneous actions",
+    "the ray cannot be aimed there": "EN 301 549, 4.2.7 limited manipulation",
+    **dict.fromkeys(("too high", "too low", "too far", "too near", "too far to the side"), _REACH),
+    **dict.fromkeys(("grip too weak", "too heavy to grip", "too heavy"), _STRENGTH),
+    **dict.fromkeys(("too weak to hold the arm", "held too long"), _STRENGTH),
+    **dict.fromkeys(("behind", "out of view"), _MOTION),
+}
+"""Cause -> the clause of EN 301 549 (V3.2.1), or the user need of W3C's XR Accessibility User
+Requirements, that it concerns."""
 
 
 def causes(judged: Judged, target: Target, column: int, members: Ints) -> dict[str, int]:
@@ -194,6 +208,8 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
         "muscles_suffice": proportion(int(able[:, column].sum()), reached),
         "causes": causes(judged, target, column, every),
         "remedy": None if fix is None else fix.plain(),
+        "clauses": [CLAUSES[each] for each in causes(judged, target, column, every)],
+        "gaze": _gaze(judged.gaze[:, :, column]),
         "exertion": _exertion(judged, column),
         "operated": _operated([each[column] for each in audit.acted], able[:, column]),
     }
@@ -217,6 +233,15 @@ def _operated(acted: Sequence[Acted | None], able: Bools) -> dict[str, Any] | No
         "seconds": round(float(np.median(seconds)), 2) if done else None,
         "attempts": round(float(np.mean([each.attempts for each in done])), 2) if done else None,
     }
+
+
+def _gaze(gaze: FloatArray) -> dict[str, Any]:
+    """Return 5 %, 50 % and 95 % of persons of (3, N), and for how many the neck bears little."""
+    low, high = EASY_RAISED_DEG
+    easy = int(((gaze[1] >= low) & (gaze[1] <= high)).sum())
+    names = ("rotation_deg", "elevation_deg", "share_of_neck_strength")
+    rows = {name: _quantiles(each) for name, each in zip(names, gaze, strict=True)}
+    return {**rows, "easy_elevation": proportion(easy, gaze.shape[1])}
 
 
 def _exertion(judged: Judged, column: int) -> dict[str, Any]:

@@ -59,7 +59,9 @@ class StudyRequest(TrustedApp, Checked, ChangedEnvironment, PageOptions):
         shown="those that the files name",
         names="players",
     )
-    jobs: int | None = option("Cells and trainings at a time.", shown="one per two cores")
+    jobs: int | None = option(
+        "Cells and trainings at a time.", shown="one per two cores, at least two"
+    )
     report: bool = option("Write report.html and report.pdf at the end.", True)
     ray: str | None = option(
         "Let a running Ray cluster do them, one core a task.", metavar="auto|ADDRESS"

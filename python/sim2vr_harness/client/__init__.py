@@ -67,7 +67,14 @@ from sim2vr_harness.client.runtime import (
     list_games,
     runtime_version,
 )
-from sim2vr_harness.client.scene import PLAYER_LAYER, AppScene, SceneMesh, SceneObject
+from sim2vr_harness.client.scene import (
+    PLAYER_LAYER,
+    AppScene,
+    Observed,
+    Observer,
+    SceneMesh,
+    SceneObject,
+)
 from sim2vr_harness.client.tasks import (
     Outcome,
     Task,
@@ -121,6 +128,8 @@ __all__ = [
     "ItemOutcome",
     "LoggedItem",
     "Measure",
+    "Observed",
+    "Observer",
     "OpenXRApp",
     "OptionValue",
     "Outcome",

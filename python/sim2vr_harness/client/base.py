@@ -19,7 +19,7 @@ from sim2vr_harness.client.devices import (
 )
 from sim2vr_harness.client.errors import AppUnsupported
 from sim2vr_harness.client.poses import one_frame
-from sim2vr_harness.client.scene import AppScene
+from sim2vr_harness.client.scene import AppScene, Observed, Observer
 
 __all__ = [
     "CAPABILITIES",
@@ -113,6 +113,7 @@ CAPABILITIES: dict[str, str] = {
     "two_eyes": "a picture for each eye",
     "privileged": "numbers behind the picture, for teachers",
     "scene": "the scene's objects: where they are, their shapes and colours",
+    "observers": "draws further views in the steps to come, with their depth",
 }
 """Capabilities that an app may have, with their meaning; see :attr:`AppClient.capabilities`."""
 
@@ -294,6 +295,14 @@ class AppClient(ABC):
             RuntimeError: no round was started.
         """
         raise self._without("scene")
+
+    def observe(self, observers: Sequence[Observer]) -> None:
+        """Draw these views as well from the next step on; none: only the user's."""
+        raise self._without("observers")
+
+    def observed(self) -> tuple[Observed, ...]:
+        """Return the observers' pictures of the last frame; empty if the app drew none."""
+        raise self._without("observers")
 
     def save(self) -> bytes:
         """The whole app state, mid-round included."""

@@ -69,8 +69,7 @@ def memory_of_group(group: int) -> int:
         if not place.name.isdecimal():
             continue
         try:
-            stat = Path(place.path, "stat").read_bytes()
-            if int(stat.rpartition(b")")[2].split()[2]) != group:
+            if os.getpgid(int(place.name)) != group:
                 continue
             for line in Path(place.path, "status").read_bytes().splitlines():
                 if line.startswith((b"RssAnon:", b"RssShmem:")):

@@ -74,6 +74,38 @@ class SceneObject:
         return position, quat, scale_to_mujoco(self.scale)
 
 
+@dataclass(frozen=True)
+class Observer:
+    """A camera besides the user's eyes, for pictures of the app in any size.
+
+    Attributes:
+        width: Pixels.
+        height: Pixels.
+        pose: Position x y z (m), rotation x y z w, app frame; the direction of view is its z axis.
+            None: the head's.
+        vertical_fov_deg: Vertical angle of view.
+    """
+
+    width: int
+    height: int
+    pose: tuple[float, ...] | None = None
+    vertical_fov_deg: float = 90.0
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """An observer's picture.
+
+    Attributes:
+        rgb: (height, width, 3) uint8.
+        depth_m: (height, width) along the direction of view, infinite where nothing is; None for
+            observers at the head.
+    """
+
+    rgb: NDArray[np.uint8]
+    depth_m: NDArray[np.float64] | None
+
+
 @dataclass(frozen=True, eq=False)
 class AppScene:
     """A moment of an app's scene.

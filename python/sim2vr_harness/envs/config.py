@@ -250,7 +250,8 @@ class AppConfig(Settings):
     """The game's options; each game has defaults and validates its own (docs/reference/games/).
     ``hand_lag_s``, of every app: by how much it sees hands late, s."""
     renderer: Literal["automatic", "egl", "osmesa", "null"] = "automatic"
-    """Renderer of the images: a GPU (``egl``), the CPU (``osmesa``), or none (``null``)."""
+    """Renderer of the images: a GPU (``egl``), the CPU (``osmesa``), or none (``null``), which is
+    also what users without training have who are not filmed: they do not look."""
     transport: str = "in_process"
     """Connection to the app: in this process, or to an app outside by SIM2VR's protocol
     (protocol1), by our faster one (protocol2), or by another transport of the table; see

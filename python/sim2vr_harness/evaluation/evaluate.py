@@ -25,6 +25,7 @@ from sim2vr_harness.client import (
     check_task,
     load_task,
 )
+from sim2vr_harness.client.tasks import names_code
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.evaluation.conditions import (
@@ -401,6 +402,8 @@ class _Plan:
             env = user.with_people(env, request.people, self.seed, request.overrides)
         if request.cores is not None:
             env = env.changed(cores=request.cores)
+        if trained is None and not request.record:
+            env = _undrawn(env)
         user.require_contract(env)
         self.env, app = env, env.config.app
         facts = user.facts(env.facts)
@@ -458,6 +461,14 @@ class _Plan:
                 "rounds": [result.as_dict() for result in own],
             }
         return found
+
+
+def _undrawn(env: ResolvedEnv) -> ResolvedEnv:
+    """Return an environment without images, unless a renderer is set or the task is code."""
+    app = env.config.app
+    if names_code(app.task) or app.renderer != "automatic":
+        return env
+    return env.changed(app=app.model_copy(update={"renderer": "null"}))
 
 
 def _play(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,15 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.client import AppClient, AppReply, GameFacts, Measure, facts_of_outside
+from sim2vr_harness.client import (
+    AppClient,
+    AppReply,
+    GameFacts,
+    Measure,
+    Observer,
+    facts_of_outside,
+)
+from sim2vr_harness.client.tasks import CONDITION
 from sim2vr_harness.play.player import Job, Watcher
 from sim2vr_harness.play.round import Round
 from sim2vr_harness.sessions import Session
@@ -21,6 +31,13 @@ from sim2vr_harness.sessions import Session
 Picture = NDArray[np.uint8]
 
 PANEL_HEIGHT = 420
+_SCALE = 2
+"""Bodies are drawn that much larger, and reduced: edges are smooth without antialiasing."""
+_GIF_S = 10
+_GIF_FILTER = (
+    "[0:v]fps=10,scale='min(iw,800)':-2,split[a][b];[a]palettegen=stats_mode=diff[p];"
+    "[b][p]paletteuse=dither=bayer:diff_mode=rectangle[gif]"
+)
 _HEADER = 44
 _GAP = 6
 _BACKGROUND = (24, 26, 30)
@@ -34,55 +51,93 @@ _LABELS = {
 
 
 class PlainLooks:
-    """A body drawn without shadows and antialiasing: 7 times as fast without a GPU."""
+    """A body drawn without antialiasing, in any size.
+
+    Args:
+        body: The body.
+        size: Width and height, pixels.
+        shadows: Whether it has shadows: without them and antialiasing it is drawn in a seventh of
+            the time without a GPU.
+    """
 
     appearance = True
 
-    def __init__(self, body: Any) -> None:
-        self._body = body
+    def __init__(self, body: Any, size: tuple[int, int], shadows: bool) -> None:
+        self._body, self._size, self._shadows = body, size, shadows
         self.muscles = body.muscles
 
     def spec(self) -> Any:
-        """Return the body's specification without them."""
+        """Return the body's specification."""
         spec = self._body.spec()
-        spec.visual.quality.shadowsize = 0
+        if not self._shadows:
+            spec.visual.quality.shadowsize = 0
         spec.visual.quality.offsamples = 0
+        spec.visual.global_.offwidth, spec.visual.global_.offheight = self._size
         return spec
 
 
 class BodyPainter:
-    """Draws the bodies of a simulation's users, with the game's objects around them.
+    """Draws the bodies of a simulation's users in what their apps show, and their headset views.
 
-    Apps that do not tell of their scene (protocol 1) leave the body alone in its room.
+    An app with observers (a page) draws both views itself in the steps to come, and the body is put
+    into its picture by depth. Of other apps the objects are drawn around the body; apps that do not
+    report their scene (protocol 1) leave it alone in its room.
 
     Args:
         simulation: Whose users to draw.
-        width: Pixels.
-        height: Pixels.
-        fast: Leave out shadows and antialiasing, for films.
+        size: Width and height, pixels, of the picture of the body.
+        headset: Width and height of the headset view.
+        fast: Leave out shadows, for films.
+        users: Indices of those to draw; None: all.
     """
 
-    def __init__(self, simulation: Any, width: int, height: int, fast: bool = False) -> None:
+    def __init__(
+        self,
+        simulation: Any,
+        size: tuple[int, int],
+        headset: tuple[int, int],
+        fast: bool = False,
+        users: Sequence[int] | None = None,
+    ) -> None:
         from sim2vr_harness.users.rendering import UserRenderer
 
-        self._simulation = simulation
-        body: Any = PlainLooks(simulation.body) if fast else simulation.body
-        self._renderer = UserRenderer(body, width, height)
+        self._simulation, self._headset = simulation, headset
+        self._observing = [
+            simulation.apps[i]
+            for i in (range(simulation.n) if users is None else users)
+            if "observers" in simulation.apps[i].capabilities
+        ]
+        # MuJoCo's antialiasing mixes the body's edges with the black behind it.
+        self._scale = _SCALE if fast or self._observing else 1
+        width, height = size[0] * self._scale, size[1] * self._scale
+        looks: Any = simulation.body
+        if self._scale > 1:
+            looks = PlainLooks(looks, (width, height), shadows=not fast)
+        self._renderer = UserRenderer(looks, width, height)
+        for app in self._observing:
+            app.observe((self._renderer.observer("play", *size), Observer(*headset)))
 
-    def draw(self, index: int) -> Picture:
-        """Return user ``index``, (height, width, 3); colours show the muscles' activation."""
+    def draw(self, index: int) -> tuple[Picture, Picture]:
+        """Return user ``index``, with muscles coloured by activation, and its headset view."""
         users, app = self._simulation.users, self._simulation.apps[index]
-        scene = app.scene() if "scene" in app.capabilities else None
+        observed = app.observed() if app in self._observing else ()
+        drawn = not observed and "scene" in app.capabilities
         picture: Picture = self._renderer.render(
             users.qpos[index],
-            camera="third_person" if scene is None else "play",
+            camera="play" if observed or drawn else "third_person",
             activations=users.act[index],
-            scene=scene,
+            scene=app.scene() if drawn else None,
+            behind=observed[0] if observed else None,
         )
-        return picture
+        if self._scale > 1:
+            picture = np.asarray(Image.fromarray(picture).reduce(self._scale))
+        return picture, observed[1].rgb if observed else headset_view(app, self._headset)
 
     def close(self) -> None:
-        """Free the OpenGL context."""
+        """Free the OpenGL context, and let apps draw their users' views only."""
+        for app in self._observing:
+            with suppress(RuntimeError):  # it may have ended
+                app.observe(())
         self._renderer.close()
 
 
@@ -92,22 +147,23 @@ class Panels:
     Where the app draws no views (a SIM2VR app of others) the headset's picture is enlarged.
 
     Args:
+        users: Indices of those to draw.
         height: Height of every panel, pixels.
     """
 
-    def __init__(self, simulation: Any, height: int = PANEL_HEIGHT) -> None:
-        self._simulation = simulation
+    def __init__(self, simulation: Any, users: Sequence[int], height: int = PANEL_HEIGHT) -> None:
         vision = simulation.config.vision
         self.sizes = {
             "play": (round(height * 4 / 3 / 2) * 2, height),
             "headset": (round(height * vision.width / vision.height / 2) * 2, height),
         }
-        self._body = BodyPainter(simulation, *self.sizes["play"], fast=True)
+        self._body = BodyPainter(
+            simulation, self.sizes["play"], self.sizes["headset"], fast=True, users=users
+        )
 
     def draw(self, index: int) -> dict[str, Picture]:
         """Return the views of user ``index`` by name: ``play``, ``headset``."""
-        app = self._simulation.apps[index]
-        return {"play": self._body.draw(index), "headset": headset_view(app, self.sizes["headset"])}
+        return dict(zip(self.sizes, self._body.draw(index), strict=True))
 
     def close(self) -> None:
         """Free the OpenGL context of the body."""
@@ -164,27 +220,24 @@ def compose(panels: Mapping[str, Picture], title: str, text: str) -> Picture:
     return Painter(sizes).frame(panels, title, text)
 
 
-def score_text(
-    facts: GameFacts,
-    log: Mapping[str, float],
-    seconds: float,
-    total_return: float | None = None,
-) -> str:
-    """Return the header's numbers: ``Hits 3   Misses 1   return 12.3   t  4.5 s``.
+def round_title(facts: GameFacts, condition: str) -> str:
+    """Return the header's title: the game, and its condition where it has several."""
+    return facts.name if condition == CONDITION else f"{facts.name} {condition}".strip()
+
+
+def score_text(facts: GameFacts, log: Mapping[str, float], seconds: float) -> str:
+    """Return the header's numbers: ``Hits 3   Misses 1   Time 4.5 s``.
 
     Args:
         log: The game's log now.
         seconds: Since the round's start.
-        total_return: The user's return so far.
     """
     parts = [
         f"{measure.label.partition(' (')[0]} {_short(log[measure.log_key])}{_unit(measure)}"
         for measure in facts.with_log(log).counters
         if measure.log_key in log
     ]
-    if total_return is not None:
-        parts.append(f"return {total_return:.1f}")
-    return "   ".join([*parts, f"t {seconds:4.1f} s"])
+    return "   ".join([*parts, f"Time {seconds:4.1f} s"])
 
 
 def _short(value: float) -> str:
@@ -209,6 +262,8 @@ def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 class Film:
     """An MP4 file (H.264, yuv420p) that appears under its name when it is complete.
 
+    Beside it are a poster frame of its middle (JPG) and a GIF of its first ten seconds.
+
     Args:
         path: The file.
         width: Even number of pixels.
@@ -222,7 +277,7 @@ class Film:
     def __init__(self, path: Path, width: int, height: int, fps: float) -> None:
         import imageio_ffmpeg
 
-        self.path = path
+        self.path, self._fps, self._frames = path, fps, 0
         path.parent.mkdir(parents=True, exist_ok=True)
         for abandoned in path.parent.glob(f".{path.stem}.*.mp4"):
             abandoned.unlink()
@@ -242,11 +297,22 @@ class Film:
     def add(self, frame: NDArray[np.uint8]) -> None:
         """Append a frame, (height, width, 3)."""
         self._writer.send(np.ascontiguousarray(frame))
+        self._frames += 1
 
     def finish(self) -> Path:
-        """Close the file and give it its name."""
+        """Close the file, give it its name, and write what belongs beside it."""
+        import imageio_ffmpeg
+
         self._writer.close()
         self._temporary.replace(self.path)
+        middle_s = self._frames // 2 / self._fps
+        poster, gif = self.path.with_suffix(".jpg"), self.path.with_suffix(".gif")
+        options = (
+            *("-y", "-loglevel", "error", "-i", self.path),
+            *("-ss", f"{middle_s:.3f}", "-map", "0:v", "-frames:v", "1", "-q:v", "3", poster),
+            *("-t", f"{_GIF_S}", "-filter_complex", _GIF_FILTER, "-map", "[gif]", gif),
+        )
+        subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), *options], check=True)
         return self.path
 
     def discard(self) -> None:
@@ -279,11 +345,10 @@ class RoundFilmer(Watcher):
         self.close()
         self._simulation, self._jobs = simulation, jobs
         self._steps = 0
-        self._returns = np.zeros(len(jobs))
         chosen = [i for i, job in enumerate(jobs) if job.episode < self._rounds]
         if not chosen:
             return
-        self._panels = Panels(simulation)
+        self._panels = Panels(simulation, chosen)
         self._painter = Painter(self._panels.sizes)
         size = (self._painter.width, self._painter.height)
         for i in chosen:
@@ -293,17 +358,15 @@ class RoundFilmer(Watcher):
     def stepped(self, reward: NDArray, infos: Sequence[Mapping[str, Any]]) -> None:
         """Draw a frame of every filmed round."""
         self._steps += 1
-        self._returns += reward
         if self._panels is None:
             return
         seconds = self._steps / self._simulation.config.action_frequency_hz
         for i, film in list(self._films.items()):
             if infos[i].get("termination") == "app_failed":
                 continue  # there is no app to draw the frame
-            text = score_text(
-                self._facts, infos[i].get("log", {}), seconds, float(self._returns[i])
-            )
-            film.add(self._painter.frame(self._panels.draw(i), self._jobs[i].condition, text))
+            text = score_text(self._facts, infos[i].get("log", {}), seconds)
+            title = round_title(self._facts, self._jobs[i].condition)
+            film.add(self._painter.frame(self._panels.draw(i), title, text))
             if self._seconds is not None and seconds >= self._seconds:
                 self.files.append(self._films.pop(i).finish())
 

@@ -12,9 +12,16 @@ from PIL import Image, ImageDraw, ImageFont
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.client import AppDied
-from sim2vr_harness.envs.config import VisionConfig
 from sim2vr_harness.play.environment import make_simulation
-from sim2vr_harness.play.film import BodyPainter, Film, Painter, Picture, compose, score_text
+from sim2vr_harness.play.film import (
+    BodyPainter,
+    Film,
+    Painter,
+    Picture,
+    compose,
+    round_title,
+    score_text,
+)
 from sim2vr_harness.play.player import Job, Player
 from sim2vr_harness.play.users import SimulatedUser
 
@@ -78,30 +85,23 @@ def snapshot(
     env = who.env(app, overrides, game=game, trust_app=trust_app)
     who.require_contract(env)
     facts = env.facts
-    title = f"{facts.name} {condition or facts.condition_of(env.config.app.options)}".strip()
+    title = round_title(facts, condition or facts.condition_of(env.config.app.options))
     env = env.with_condition(condition)
     config = env.config
-    jobs, moves = [Job("", 0, seed)], []
     with closing(simulation(env, 1)) as users:
         policy, _ = who.policy(users, facts)
         mean = who.config.evaluation.deterministic
         player = Player(users, policy, facts, deterministic=mean)
-        player.begin(jobs)
-        for outcome in islice(player.steps(), round(seconds * config.action_frequency_hz)):
-            moves.append(player.actions[0])
+        player.begin([Job("", 0, seed)])
+        steps, painter = round(seconds * config.action_frequency_hz), None
+        for outcome in islice(player.steps(), steps):
             if "app_error" in outcome.infos[0]:
                 raise AppDied(outcome.infos[0]["app_error"])
-        pictures = _draw(users, size)
-    if "headset" not in pictures:  # an app that draws no views, such as a page, is played again
-        vision = VisionConfig(width=size[0], height=size[1], channels=config.vision.channels)
-        with closing(simulation(env.changed(vision=vision), 1)) as users:
-            replayed = iter(moves)
-            again = Player(users, lambda *_: next(replayed), facts)
-            again.begin(jobs)
-            for _ in islice(again.steps(), len(moves)):
-                pass
-            pictures["headset"] = users.apps[0].image[..., :3].copy()
-    text = score_text(facts, player.logs[0], player.seconds, player.returns[0])
+            if player.step_count == steps - 1:  # a page draws for it in the last step only
+                painter = BodyPainter(users, size, size)
+        with closing(painter or BodyPainter(users, size, size)) as painter:
+            pictures = _draw(users, painter, size)
+    text = score_text(facts, player.logs[0], player.seconds)
     panels = {"play": pictures["body"], "headset": pictures["headset"]}
     out.mkdir(parents=True, exist_ok=True)
     files = []
@@ -113,10 +113,9 @@ def snapshot(
     return files
 
 
-def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
+def _draw(users: Any, painter: BodyPainter, size: tuple[int, int]) -> dict[str, Any]:
     app = users.apps[0]
-    with closing(BodyPainter(users, *size)) as painter:
-        body = painter.draw(0)
+    body, headset = painter.draw(0)
     vision = users.config.vision
     views = "views" in app.capabilities
     if views:
@@ -124,15 +123,11 @@ def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
     else:  # two eyes (2, H, W, 4) beside each other
         own = app.image if app.image.ndim == 3 else np.concatenate(list(app.image), axis=1)
     depth = np.repeat(own[..., 3:], 3, axis=2)
-    if not views:
-        return {"body": body, "observation": np.concatenate([own[..., :3], depth], axis=1)}
-    return {
-        "headset": app.render_headset(*size)[..., :3],
-        "third_person": app.render_third_person(*size, view="spectator")[..., :3],
-        "recorder": app.render_third_person(*size, view="recorder")[..., :3],
-        "body": body,
-        "observation": np.concatenate([own[..., :3], depth], axis=1),
-    }
+    drawn = {"headset": headset, "body": body}
+    if views:
+        for name, view in (("third_person", "spectator"), ("recorder", "recorder")):
+            drawn[name] = app.render_third_person(*size, view=view)[..., :3]
+    return {**drawn, "observation": np.concatenate([own[..., :3], depth], axis=1)}
 
 
 class _Seat:
@@ -162,26 +157,23 @@ class _Seat:
         self.name = user.name
         self.frequency_hz = env.config.action_frequency_hz
         self._users = stack.enter_context(closing(simulation(env, 1)))
-        if "views" not in self._users.apps[0].capabilities:
-            got = f"{str(run)!r}, whose app draws no views"
-            raise InputError("RUN", got, "users of an app that does")
         policy, _ = user.policy(self._users, self.facts)
         mean = user.config.evaluation.deterministic
         self._player = Player(self._users, policy, self.facts, deterministic=mean)
         self._player.begin([Job("", 0, seed)])
         self.steps: Iterator[Any] = self._player.steps()
-        self._body = stack.enter_context(closing(BodyPainter(self._users, *_VIEW, fast=True)))
+        self._body = stack.enter_context(closing(BodyPainter(self._users, _VIEW, _VIEW, fast=True)))
 
     def picture(self) -> Picture:
         """The body in its game above the headset view; how it stands between them."""
-        headset = self._users.apps[0].render_headset(*_VIEW)[..., :3]
+        body, headset = self._body.draw(0)
         player = self._player
-        text = score_text(self.facts, player.logs[0], player.seconds, player.returns[0])
+        text = score_text(self.facts, player.logs[0], player.seconds)
         line = Image.new("RGB", (_VIEW[0], 28), (24, 26, 30))
         ImageDraw.Draw(line).text(
             (8, 14), text, (236, 236, 236), ImageFont.load_default(15), anchor="lm"
         )
-        return np.concatenate([self._body.draw(0), np.asarray(line), np.ascontiguousarray(headset)])
+        return np.concatenate([body, np.asarray(line), headset])
 
 
 def film_comparison(
@@ -232,7 +224,7 @@ def film_comparison(
             got = f"users of {', '.join(f'{rate:g}' for rate in sorted(rates))} Hz"
             raise InputError("RUN", got, "users who act equally often")
         steps = round(seconds * rates.pop())
-        title = f"{seats[0].facts.name} {seats[0].condition}".strip()
+        title = round_title(seats[0].facts, seats[0].condition)
         # The same user may be there twice.
         names = [f"{place}  {seat.name}" for place, seat in enumerate(seats, start=1)]
         pictures: dict[str, Picture] = {}

@@ -69,7 +69,7 @@ def run_study(
     Args:
         study: The study, its YAML file, or the contents of one.
         out: Its folder; None: ``studies/NAME``.
-        jobs: Cells and trainings at a time; None: one per two cores.
+        jobs: Cells and trainings at a time; None: one per two cores, at least two.
         ray: Address of a Ray cluster that does them instead, or ``auto``.
         storage: With ``ray``: where workers leave results that do not see the study's folder.
         trust_app: Whether programs and Python that its files name may run without having run here.
@@ -181,7 +181,7 @@ def _pool(root: Path, tasks: int, *, jobs: int, ray: str | None, storage: str | 
 
 def _jobs(jobs: int | None) -> int:
     if jobs is None:
-        return max(1, available() // 2)
+        return max(min(2, available()), available() // 2)
     if not 1 <= jobs <= 1024:
         raise InputError("--jobs", str(jobs), "1 to 1024")
     return jobs

@@ -33,7 +33,7 @@ _DEVICE: Colour = (0.13, 0.13, 0.15, 1.0)
 _STRAP: Colour = (0.22, 0.22, 0.25, 1.0)
 _LENS: Colour = (0.45, 0.50, 0.58, 1.0)
 
-_RELAXED = np.array([0.25, 0.36, 0.72, 1.0])
+_RELAXED = np.array([0.80, 0.66, 0.57, 1.0])
 _ACTIVE = np.array([0.88, 0.12, 0.10, 1.0])
 
 # Torso in the thorax frame: height y, centre x, half depth along x, half width along z, in m.
@@ -161,7 +161,7 @@ def draw_devices(spec: mujoco.MjSpec, devices: Sequence[str]) -> None:
 def colour_muscles(
     model: mujoco.MjModel, muscles: Sequence[str], activations: NDArray[np.floating]
 ) -> None:
-    """Colours the tendons of muscles from blue (relaxed) to red (fully active), in place.
+    """Colours the tendons of muscles from skin (relaxed) to red (fully active), in place.
 
     Args:
         model: a model the caller owns (not the shared `Body.model`).
@@ -318,7 +318,7 @@ def picture_settings(spec: mujoco.MjSpec) -> None:
     spec.stat.center = [0.1, 0.0, 0.6]
     # The square that casts shadows, clip times extent to every side of the light's middle. Near its
     # rim a floor casts specks of shadow on itself: the rim lies outside of what is looked at.
-    spec.visual.map.shadowclip = 3.0
+    spec.visual.map.shadowclip = 4.5
     spec.visual.quality.shadowsize = 4096
     spec.visual.global_.offwidth = 1280
     spec.visual.global_.offheight = 960
@@ -347,7 +347,7 @@ def add_cameras(spec: mujoco.MjSpec) -> None:
         # turned up a little, so that an arm above the head stays in the picture.
         "third_person": ([1.2, -0.8, 0.95], [0.05, -0.05, 0.90], 54.0),
         # Over the right shoulder: body, hands and what they reach for.
-        "play": ([-0.72, -1.50, 1.55], [0.36, -0.05, 0.84], 46.0),
+        "play": ([-1.05, -1.65, 1.65], [0.62, -0.05, 0.92], 46.0),
     }
     for name, (position, target, fovy) in views.items():
         forward = np.subtract(target, position)

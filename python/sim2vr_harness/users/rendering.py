@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.base.gl import prepare_process
-from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
+from sim2vr_harness.client import AppScene, Observed, Observer, SceneMesh, SceneObject
+from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.users.appearance import colour_muscles
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.kinematics.forward import rotation_matrix
@@ -104,9 +105,22 @@ class UserRenderer:
         _add_meshes(spec, scene.meshes)
         self._model, self._meshes = spec.compile(), len(scene.meshes)
         # The app's floor, where it has one, lies on the room's.
-        planes = self._model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-        self._model.geom_pos[planes, 2] -= _FLOOR_GAP_M
+        self._model.geom_pos[self._planes, 2] -= _FLOOR_GAP_M
         self._prepare()
+
+    @property
+    def _planes(self) -> NDArray[np.bool_]:
+        return self._model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+
+    def observer(self, camera: str, width: int, height: int) -> Observer:
+        """Return a camera of the model as one of the app's, for the argument ``behind``."""
+        found = self._model.camera(camera)
+        axes, quat = np.empty(9), np.empty(4)
+        mujoco.mju_quat2Mat(axes, found.quat)
+        right, up, back = axes.reshape(3, 3).T
+        mujoco.mju_mat2Quat(quat, np.stack([-back, -right, up], axis=1).ravel())
+        pose = tuple(pose_to_app(found.pos, quat).tolist())
+        return Observer(width, height, pose, float(found.fovy[0]))
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -119,6 +133,7 @@ class UserRenderer:
         camera: str | OrbitView = "front",
         activations: NDArray[np.floating] | None = None,
         scene: AppScene | None = None,
+        behind: Observed | None = None,
     ) -> NDArray[np.uint8]:
         """Draws a posture.
 
@@ -126,8 +141,11 @@ class UserRenderer:
             qpos: (nq,) posture in rad, e.g. `batch.qpos[i]`, or an MjData of the body's model,
                 whose activations then colour the muscles.
             camera: one of `cameras`, or a view of one's own.
-            activations: (M,) muscle activations in [0, 1] that colour the muscles, blue to red.
+            activations: (M,) muscle activations in [0, 1] that colour the muscles, skin to red.
             scene: of the app that the user plays in, to be drawn around the user.
+            behind: the app's own picture from this camera (:meth:`observer`), in the place of the
+                room; the image is a whole number of times as large. The user covers what is further
+                away.
 
         Returns:
             (height, width, 3) uint8 RGB image, owned by the caller.
@@ -143,6 +161,7 @@ class UserRenderer:
         if scene is not None:
             self._learn(scene)
         self._pose(qpos, activations)
+        self._model.geom_rgba[self._planes, 3] = behind is None
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         # MuJoCo's camera of a name, or of a view.
         view = mujoco.MjvCamera()
@@ -164,13 +183,46 @@ class UserRenderer:
         )
         if scene is not None:
             _put_objects(self._model, self._scene, scene, self._meshes)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX.value] = behind is None
         # Scene as (height, width, 3) RGB.
         self._context.make_current()
         window = mujoco.MjrRect(0, 0, self.width, self.height)
         mujoco.mjr_render(window, self._scene, self._painter)
         image = np.empty((self.height, self.width, 3), dtype=np.uint8)
-        mujoco.mjr_readPixels(image, None, window, self._painter)
-        return np.ascontiguousarray(image[::-1])
+        depth = None if behind is None else np.empty((self.height, self.width), np.float32)
+        mujoco.mjr_readPixels(image, depth, window, self._painter)
+        if behind is None or depth is None or behind.depth_m is None:
+            return np.ascontiguousarray(image[::-1])
+        near, far = np.array([self._model.vis.map.znear, self._model.vis.map.zfar]) * (
+            self._model.stat.extent
+        )
+        depth_m = near / (1.0 - depth[::-1] * (1.0 - near / far))
+        times = self.height // len(behind.rgb)
+        rgb, far_m = (
+            each.repeat(times, axis=0).repeat(times, axis=1)
+            for each in (behind.rgb, behind.depth_m)
+        )
+        nearer = (depth[::-1] < 1.0) & (depth_m < far_m)
+        return np.where(nearer[..., None], image[::-1], rgb)
+
+    def project(self, places: NDArray[np.floating], view: OrbitView) -> NDArray[np.float64]:
+        """Return where places are in a picture of a view, pixels from its left and top.
+
+        Args:
+            places: (N, 3) MuJoCo's world, m, in front of the camera.
+            view: as drawn.
+
+        Returns:
+            (N, 2).
+        """
+        a, e = np.radians([view.azimuth_deg, view.elevation_deg])
+        ahead = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        right = np.array([np.sin(a), -np.cos(a), 0.0])
+        axes = np.stack([right, -np.cross(right, ahead), ahead], axis=1)
+        aside, down, depth = ((places - view.towards_m) @ axes + [0.0, 0.0, view.distance_m]).T
+        scale = 0.5 * self.height / np.tan(np.radians(self._model.vis.global_.fovy) / 2.0)
+        middle = np.array([self.width, self.height]) / 2.0
+        return middle + scale * np.stack([aside, down], axis=1) / depth[:, None]
 
     def _pose(
         self,

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 
 from sim2vr_harness.audit.acting import Actor, act_out
 from sim2vr_harness.audit.auditing import Parts, run
-from sim2vr_harness.audit.judging import can_grip, grip_share, grip_time, hold, judge, seen
+from sim2vr_harness.audit.judging import can_grip, gaze, grip_share, grip_time, hold, judge, seen
 from sim2vr_harness.audit.pacing import PACING, Paced, minutes_at_pace, path_loads
 from sim2vr_harness.audit.pages import FoundThing, Way, things_as_targets
 from sim2vr_harness.audit.population import LIMITATIONS, NONE, Limitation, draw, groups_of
@@ -164,6 +164,28 @@ def test_neck_and_field_of_view_decide_what_is_seen(crowd: Crowd) -> None:
     persons = np.zeros(6, dtype=np.int64)
     found = seen(crowd, persons, crowd.heads[persons] + 2.0 * around)
     assert found.tolist() == [True, True, False, True, False, False]
+
+
+def test_gaze_says_where_a_target_is_and_what_the_neck_bears(crowd: Crowd) -> None:
+    away = np.array([[1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [1.0, 0.0, -1.0]])  # ahead, right, below
+    persons = np.zeros(3, dtype=np.int64)
+    right, up, share = gaze(crowd, persons, crowd.heads[persons] + away)
+    np.testing.assert_allclose([right, up], [[0.0, 45.0, 0.0], [0.0, 0.0, -45.0]], atol=1e-9)
+    # The seventh cervical vertebra carries head and headset at its lever beside the vertical.
+    subject = crowd.subjects[0]
+    body, model = subject.body, subject.body.physics_model
+    angles = crowd.rest.copy()
+    angles[body.independent_joints.index("neck_flexion")] = np.radians(45.0)
+    data = mujoco.MjData(model)
+    data.qpos[:] = body.coupled_qpos(angles)
+    mujoco.mj_forward(model, data)
+    joint = model.joint("neck_flexion").id
+    part = model.jnt_bodyid[joint]
+    ahead_m = data.subtree_com[part, 0] - data.xanchor[joint, 0]
+    strength = model.actuator("neck_flexion_motor").forcerange
+    need = -9.81 * model.body_subtreemass[part] * ahead_m
+    assert share[2] == pytest.approx(need / strength[0], rel=0.02)
+    assert share[2] > share[0]
 
 
 # --- exertion ------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sim2vr_harness.client import WebXRApp, frame_time_ns
+from sim2vr_harness.client import Observer, WebXRApp, frame_time_ns
 from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page
 
 
@@ -69,6 +69,67 @@ def test_the_depth_is_that_of_what_is_solid(
     # Lines cross the middle of the face; all else covers it.
     assert app.image[36:45, 56:65, 0].max() > 150
     assert abs(int(app.image[36:45, 56:65, 3].min()) - 25.5 * depth_m) <= 1.0
+
+
+OBSERVED = """import {{ Boxes, button }} from './boxes.js';
+const boxes = new Boxes();
+window.app = {{ views: 0 }};
+boxes.list.push({{ centre: [0.5, 1.2, -1], half: [0.1, 0.1, 0.2], colour: [0.9, 0.1, 0.1] }});
+const draw = boxes.draw;
+boxes.draw = function (frame) {{
+  app.views = frame.getViewerPose(this.space).views.length;
+  {draw}
+}};
+button('Enter VR', () => boxes.enter(() => {{}}));"""
+
+
+@NEEDS_BROWSER
+def test_observers_look_from_elsewhere_and_change_nothing(shared: Callable[..., WebXRApp]) -> None:
+    app = shared(OBSERVED.format(draw="draw.call(this, frame);"), values={"views": "app.views"})
+    app.reset(1, hands(0))
+    app.step(50_000_000, hands(1))
+    eyes = app.image.copy()
+    # From 3 m to the right of the box, looking left: its right face is 2.9 m away and 40 cm wide.
+    left = (0.0, -np.sqrt(0.5), 0.0, np.sqrt(0.5))
+    app.observe((Observer(80, 60, (3.5, 1.2, 1.0, *left), 40.0), Observer(90, 60)))
+    for step, views in ((2, 3), (3, 3), (4, 1)):
+        if views == 1:
+            app.observe(())
+        assert app.step(frame_time_ns(step, 20), hands(1)).values == {"views": views}
+        np.testing.assert_array_equal(app.image, eyes)
+        if views == 1:
+            assert app.observed() == ()
+            break
+        outside, head = app.observed()
+        assert outside.depth_m is not None
+        box = np.isfinite(outside.depth_m)
+        np.testing.assert_allclose(outside.depth_m[box], 2.9, atol=0.0015)
+        focal = 30.0 / np.tan(np.radians(20.0))
+        rows, columns = np.nonzero(box)
+        inside = outside.rgb[rows.min() + 1 : rows.max(), columns.min() + 1 : columns.max()]
+        assert (inside[..., 0] > 2 * inside[..., 1]).all()
+        assert np.ptp(columns) + 1 == pytest.approx(0.4 * focal / 2.9, abs=1.5)
+        assert np.ptp(rows) + 1 == pytest.approx(0.2 * focal / 2.9, abs=1.5)
+        assert (columns.mean(), rows.mean()) == pytest.approx((39.5, 29.5), abs=0.6)
+        assert head.depth_m is None
+        assert head.rgb.shape == (60, 90, 3)
+        assert (head.rgb[..., 0] > 2.0 * head.rgb[..., 1]).any()
+
+
+@NEEDS_BROWSER
+def test_a_page_that_draws_for_the_eyes_only_has_no_observers(
+    shared: Callable[..., WebXRApp],
+) -> None:
+    first = (
+        "const pose = frame.getViewerPose(this.space); const [view] = pose.views;"
+        "draw.call(this, { getViewerPose: () => ({ views: [view] }) });"
+    )
+    app = shared(OBSERVED.format(draw=first), values={"views": "app.views"})
+    app.reset(1, hands(0))
+    app.step(50_000_000, hands(1))
+    app.observe((Observer(80, 60, (3.5, 1.2, 1.0, 0.0, 0.0, 0.0, 1.0), 40.0),))
+    app.step(100_000_000, hands(1))
+    assert app.observed() == ()
 
 
 DRAWS = """import {{ Boxes, button }} from './boxes.js';

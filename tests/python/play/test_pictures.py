@@ -45,6 +45,10 @@ def size_of(file: Path) -> tuple[int, int]:
         return image.size
 
 
+def beside(folder: Path) -> set[str]:
+    return {file.name for file in folder.iterdir()}
+
+
 def probe(file: Path) -> str:
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", str(file)]
     return subprocess.run(command, capture_output=True, text=True, check=False).stderr
@@ -64,7 +68,11 @@ def test_films_are_h264_at_the_users_rate(fake_body: None, tmp_path: Path) -> No
     filmer.ended(1, done)
     filmer.close()
     assert filmer.files == [tmp_path / "medium_0.mp4"]
-    assert list(tmp_path.iterdir()) == filmer.files
+    assert beside(tmp_path) == {"medium_0.mp4", "medium_0.jpg", "medium_0.gif"}
+    assert size_of(tmp_path / "medium_0.jpg") == (1196, 464)
+    with Image.open(tmp_path / "medium_0.gif") as gif:
+        # 10 pictures a second of a film of half a second, 800 pixels wide.
+        assert (gif.size[0], gif.n_frames) == (800, 5)
     assert imageio_ffmpeg.count_frames_and_secs(str(filmer.files[0])) == (10, 0.5)
     report = probe(filmer.files[0])
     for part in ("h264", "yuv420p", "1196x464", "20 fps"):
@@ -79,7 +87,8 @@ def test_films_are_h264_at_the_users_rate(fake_body: None, tmp_path: Path) -> No
         if seconds is not None:
             filmer.ended(0, done)
         filmer.close()
-        films = list(folder.iterdir())
+        films = list(folder.glob("*.mp4"))
+        assert len(list(folder.iterdir())) == 3 * len(films), "a poster and a GIF beside each"
         assert [imageio_ffmpeg.count_frames_and_secs(str(film)) for film in films] == found
 
 

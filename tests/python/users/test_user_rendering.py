@@ -1,10 +1,11 @@
 from collections.abc import Iterator
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
-from sim2vr_harness.client import PLAYER_LAYER, AppScene, SceneMesh, SceneObject
+from sim2vr_harness.client import PLAYER_LAYER, AppScene, Observed, SceneMesh, SceneObject
 from sim2vr_harness.users import Body, load_body
 from sim2vr_harness.users.rendering import OrbitView, UserRenderer
 
@@ -39,6 +40,40 @@ def test_active_muscles_are_redder(user: Body, renderer: UserRenderer) -> None:
     active = renderer.render(data, "arm").astype(int)
     redness = [(p[..., 0] - p[..., 2]).sum() for p in (relaxed, active)]
     assert redness[1] > redness[0]
+
+
+def test_the_body_is_put_into_an_app_s_picture_by_depth(user: Body) -> None:
+    with UserRenderer(user, 96, 72) as renderer:
+        observer = renderer.observer("play", 48, 36)
+        # (-1.05, -1.65, 1.65) forward, left, up is 1.65 right, 1.65 up, 1.05 behind the origin.
+        assert observer.pose is not None
+        assert observer.pose[:3] == pytest.approx((1.65, 1.65, -1.05))
+        green = np.zeros((36, 48, 3), np.uint8)
+        green[..., 1] = 255
+        shares = []
+        for depth_m in (np.inf, 2.3, 0.5):
+            behind = Observed(green, np.full((36, 48), depth_m))
+            picture = renderer.render(np.zeros(21), "play", behind=behind)
+            shares.append((picture != [0, 255, 0]).any(axis=2).mean())
+    # No floor or sky; the camera is 2.8 m from its middle, so the left side is further than 2.3 m.
+    assert 0.5 > shares[0] > shares[1] > shares[2] == 0.0
+
+
+def test_places_are_projected_to_where_they_are_drawn(user: Body) -> None:
+    view = OrbitView((0.5, 0.2, 1.0), 2.0, 30.0, -20.0)
+    place = np.array([1.3, 0.5, 1.4])  # forward, left, up
+    ball = shown([-0.5, 1.4, 1.3], [0.0, 0.0, 0.0, 1.0], [1, 0, 1, 1])
+    scene = AppScene((replace(ball, scale=np.full(3, 0.1)),), (tetrahedron(),))
+    with UserRenderer(user, 160, 120) as renderer:
+        picture = renderer.render(np.zeros(21), view, scene=scene).astype(int)
+        (found,) = renderer.project(place[None], view)
+    magenta = (picture[..., 0] > 120) & (picture[..., 1] < 80) & (picture[..., 2] > 120)
+    assert np.argwhere(magenta).mean(axis=0)[::-1] == pytest.approx(found, abs=1.5)
+
+
+def tetrahedron() -> SceneMesh:
+    corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], np.float32) / 2
+    return SceneMesh("t", corners, np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]))
 
 
 def wedge(name: str) -> SceneMesh:

@@ -21,7 +21,7 @@ from sim2vr_harness.client.base import (
 from sim2vr_harness.client.devices import INPUT_NAMES, DevicePoses, HapticPulse, SoundEvent
 from sim2vr_harness.client.errors import AppUnsupported
 from sim2vr_harness.client.games import Condition, GameFacts, Measure, RewardTerm
-from sim2vr_harness.client.scene import AppScene
+from sim2vr_harness.client.scene import AppScene, Observed, Observer
 
 FIELD = "env.app.task"
 CONDITION = "standard"
@@ -342,6 +342,12 @@ class TaskedApp(AppClient):
 
     def scene(self) -> AppScene:
         return self.app.scene()
+
+    def observe(self, observers: Sequence[Observer]) -> None:
+        self.app.observe(observers)
+
+    def observed(self) -> tuple[Observed, ...]:
+        return self.app.observed()
 
     def close(self) -> None:
         self.app.close()

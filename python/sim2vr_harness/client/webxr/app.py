@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from sim2vr_harness.client.base import AppReply, Float64Array, Int64Array, OptionValue
 from sim2vr_harness.client.devices import DevicePoses, HapticPulse
@@ -18,7 +20,7 @@ from sim2vr_harness.client.foreign import (
     refuse_logs,
 )
 from sim2vr_harness.client.runtime import frame_time_ns
-from sim2vr_harness.client.scene import AppScene, SceneMesh, SceneObject
+from sim2vr_harness.client.scene import AppScene, Observed, Observer, SceneMesh, SceneObject
 from sim2vr_harness.client.transport import (
     AppPlace,
     AppSource,
@@ -33,9 +35,13 @@ from sim2vr_harness.client.webxr.packages import package_of
 from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, WINDOW_FRAMES, Page
 from sim2vr_harness.client.webxr.replies import Box, PageReport, Signs, Thing
 
-_CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene"})
+_CAPABILITIES = frozenset(
+    {"frames", "inputs", "left_controller", "haptics", "two_eyes", "scene", "observers"}
+)
 _LARGEST_M = 30.0
 """Largest size of an object that people may interact with."""
+_NOTHING_MM = 65535
+"""Depth of an observer's picture where the page drew nothing."""
 _FLOOR_M = 0.02
 """Pictures have a floor of their own."""
 
@@ -114,6 +120,8 @@ class WebXRApp(ForeignApp):
         options = {"enter": ""} | checked_options(place.options, choices)
         self._files = PageFiles(place.page, place.map)
         self._awaited: int | None = None
+        self._observers: tuple[Observer, ...] = ()
+        self._observed: tuple[bytes, ...] = ()
         self._valued = False
         self._head = np.zeros(3)
         self._renderer: str | None = None
@@ -181,6 +189,7 @@ class WebXRApp(ForeignApp):
             self._page.load(seed, wished)
         self._options = wished
         self._playing, self._last_ns = True, 0
+        self.observe(self._observers)
         self._send(np.zeros(1, np.int64), rows, inputs, poses, 0)
         reply = self.finish_step()
         if reply.finished:
@@ -207,7 +216,7 @@ class WebXRApp(ForeignApp):
                     None if poses.right_controller is None else right[k],
                 ],
                 inputs[k].tolist(),
-                k == drawn,
+                k == drawn and self._wanted.renderer != "null",
             ]
             for k in range(len(times_ns))
         ]
@@ -225,6 +234,7 @@ class WebXRApp(ForeignApp):
                 wanted.height, wanted.eyes, wanted.width, 4
             )
             self._image[...] = both.swapaxes(0, 1) if wanted.eyes == 2 else both[:, 0]
+        self._observed = reply.observed
         self._playing = not reply.ended
         words = self._ended_words(self._files.name, "XRSession.end", "in its first frame")
         self._left = words if reply.ended else ""
@@ -258,6 +268,32 @@ class WebXRApp(ForeignApp):
         """Return the scene: boxes in place of meshes of three.js, A-Frame and Babylon.js."""
         self._require_open()
         return scene_of(self._page.boxes(), self._head)
+
+    def observe(self, observers: Sequence[Observer]) -> None:
+        self._require_open()
+        self._observers, self._observed = tuple(observers), ()
+        if self._playing:
+            self._page.observe(self._observers)
+
+    def observed(self) -> tuple[Observed, ...]:
+        found = []
+        for one, png in zip(self._observers, self._observed, strict=False):
+            size, depth_m = (one.width, one.height * (1 if one.pose is None else 2)), None
+            try:
+                image = Image.open(BytesIO(png), formats=["PNG"])
+                if image.size != size:
+                    raise ValueError(f"{image.size} pixels, expected {size}")
+                pixels = np.asarray(image.convert("RGB"))
+            except (OSError, ValueError) as error:
+                raise self._page.died(f"answered with another picture: {error}") from error
+            rgb = pixels[: one.height]
+            if one.pose is not None:
+                mm = pixels[one.height :, :, :2].astype(np.uint16) @ np.array([256, 1], np.uint16)
+                depth_m = np.where(mm == _NOTHING_MM, np.inf, mm / 1000.0)
+                if np.isinf(depth_m).all() and (rgb == rgb[0, 0]).all():  # it draws the eyes' only
+                    return ()
+            found.append(Observed(rgb, depth_m))
+        return tuple(found)
 
     def pointing_rays(self) -> Mapping[str, Ray]:
         """Return the rays by which the page points: ``right``, ``left`` or ``head``, if it does.

@@ -18,6 +18,7 @@ from sim2vr_harness.client.answers import BadReply, checked
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout, ProtocolError
 from sim2vr_harness.client.limits import Kept
+from sim2vr_harness.client.scene import Observer
 from sim2vr_harness.client.webxr import replies
 from sim2vr_harness.client.webxr.browser import RENDERER, Browser, Tab, open_tab
 from sim2vr_harness.client.webxr.files import PageFiles
@@ -228,6 +229,20 @@ class Page:
         if reply.failure is not None:
             raise self.died(reply.failure[1] + self.watch.hints())
         return reply
+
+    def observe(self, observers: Sequence[Observer]) -> None:
+        """Have the page draw further views in the frames to come; see :meth:`AppClient.observe`."""
+        rows = [
+            {
+                "place": one.pose,
+                "fov_deg": one.vertical_fov_deg,
+                "width": one.width,
+                "height": one.height,
+                "deep": one.pose is not None,
+            }
+            for one in observers
+        ]
+        self._evaluate(f"__sim2vr.watchFrom({json.dumps(rows)})")
 
     def locate(self, name: str) -> tuple[float, float, float]:
         """Return the place of a named object; see :meth:`WebXRApp.locate`."""

@@ -52,6 +52,14 @@ def _bytes(answer: object) -> object:
     return base64.b64decode(answer, validate=True) if isinstance(answer, str) else answer
 
 
+def _png(answer: object) -> object:
+    return _bytes(answer.removeprefix(_PNG)) if isinstance(answer, str) else answer
+
+
+_PNG = "data:image/png;base64,"
+PNG = Annotated[bytes, BeforeValidator(_png)]
+
+
 class Reply(BaseModel):
     """An object of a page's, without other keys."""
 
@@ -84,6 +92,8 @@ class StepReply(Reply):
     values: tuple[Value, ...]
     picture: Annotated[bytes | None, BeforeValidator(_bytes)]
     """Of the drawn frame; None: none was drawn."""
+    observed: Annotated[tuple[PNG, ...], Field(max_length=4)] = ()
+    """Of the drawn frame's observers; below the colours is the depth, if it is requested."""
 
 
 class DoorReply(Reply):

@@ -64,16 +64,16 @@ class Hand:
         self._tip_m = np.zeros(3)
         if place is not None:
             position, quat = self._pose
-            self._tip_m = _turned(quat * [1.0, -1.0, -1.0, -1.0], place - position)
+            self._tip_m = turned(quat * [1.0, -1.0, -1.0, -1.0], place - position)
 
     def error(self, place: FloatArray, by: By) -> float:
         """Return how far hand or tool are from a place, m; of the ray the angle, degrees."""
         position, quat = self._pose
         gap = place - position
         if by == "touch":
-            return float(np.linalg.norm(gap - _turned(quat, self._tip_m)))
-        gap = gap - _turned(quat, self.ray.origin_m)
-        along = _turned(quat, self.ray.direction) @ gap / max(float(np.linalg.norm(gap)), 1e-9)
+            return float(np.linalg.norm(gap - turned(quat, self._tip_m)))
+        gap = gap - turned(quat, self.ray.origin_m)
+        along = turned(quat, self.ray.direction) @ gap / max(float(np.linalg.norm(gap)), 1e-9)
         return float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))
 
     def off_m(self, place: FloatArray, by: By) -> float:
@@ -118,7 +118,7 @@ class Hand:
         )
 
 
-def _turned(quat: FloatArray, vector: FloatArray) -> FloatArray:
+def turned(quat: FloatArray, vector: FloatArray) -> FloatArray:
     """(3,) a vector turned by a quaternion w x y z."""
     w, v = quat[0], quat[1:]
     crossed = 2.0 * np.cross(v, vector)

@@ -16,7 +16,7 @@ from sim2vr_harness.policies.hierarchical.human_motor import (
 )
 from sim2vr_harness.policies.hierarchical.motor_policy import WIDTH_M, WIDTHS_M
 from sim2vr_harness.policies.hierarchical.motor_store import human_policy_for
-from sim2vr_harness.policies.scripted.hand import By, Hand
+from sim2vr_harness.policies.scripted.hand import By, Hand, turned
 
 FloatArray = NDArray[np.float64]
 
@@ -25,6 +25,9 @@ _TOGETHER = 8
 person's movement do not depend on how many others play."""
 _LEAST_M = 0.4
 """Rays of places that are nearer to the hand turn as if these were so far away."""
+_BEFORE_M, _BEHIND_M = 0.025, 0.03
+"""A hand that touches something flat stays before it by the first until it is within half of its
+radius of the middle, and ends behind it by the second. Both together are less than ``SAME_M``."""
 
 
 class PersonHand(Hand):
@@ -34,13 +37,61 @@ class PersonHand(Hand):
     """Width of the target, m."""
     new = over = False
     """Flags: the place is a new target; the person considers the movement finished."""
+    _target: FloatArray | None = None
+    _facing: FloatArray | None = None
+    _in_front = _pushes = False
 
     def follow(self, place: FloatArray, by: By) -> None:
         """Move towards a place, (3,) MuJoCo's world, from this user step on."""
-        before = self.place if by == self._by else None
+        before = self._target if by == self._by else None
         self.new = self.new or before is None or bool(np.linalg.norm(place - before) >= SAME_M)
         self.over = self.over and not self.new
-        self.place, self._by = place, by
+        self._target, self._by = place, by
+        self.place = place
+        if self._facing is not None and not self.new:
+            position, quat = self._pose
+            gap = position + turned(quat, self._tip_m) - place
+            ahead = float(gap @ self._facing)
+            beside = float(np.linalg.norm(gap - ahead * self._facing))
+            self._in_front = self._in_front or ahead > 0.0
+            self._pushes = self._pushes or (self._in_front and beside < 0.25 * self.width_m)
+            depth = -_BEHIND_M if self._pushes else _BEFORE_M
+            self.place = place + depth * self._facing
+
+    def aim(self, width_m: float, facing: FloatArray | None) -> None:
+        """Take up a new target; with the direction (3,) in which it faces, it is pushed."""
+        self.width_m, self._in_front, self._pushes = width_m, False, False
+        self._facing = facing
+        if facing is not None and self._target is not None:
+            if facing @ (self.position - self._target) < 0.0:
+                self._facing = -facing
+            self.place = self._target + _BEFORE_M * self._facing
+
+    def hold_tool(self, place: FloatArray | None) -> None:
+        """As of other hands; what was pushed is approached anew."""
+        super().hold_tool(place)
+        if self._facing is not None:
+            self._target = self._facing = None
+
+    @property
+    def narrow(self) -> bool:
+        """True if the target is narrower than those that the motor policy was trained for."""
+        return self.width_m < 0.999 * self.believed_width_m
+
+    def push(self) -> bool:
+        """Push what the hand is before, on target or not; False: it has, or nothing is pushed."""
+        pushes = self._facing is not None and not self._pushes
+        self._pushes = self._pushes or pushes
+        self.over = self.over and not pushes
+        return pushes
+
+    def off_m(self, place: FloatArray, by: By) -> float:
+        """As of other hands; beside something flat, the distance along it."""
+        if by == "ray" or self._facing is None:
+            return super().off_m(place, by)
+        position, quat = self._pose
+        gap = position + turned(quat, self._tip_m) - place
+        return float(np.linalg.norm(gap - (gap @ self._facing) * self._facing))
 
     @property
     def turns(self) -> bool:
@@ -51,7 +102,8 @@ class PersonHand(Hand):
     def believed_width_m(self) -> float:
         """Width of the target within the trained range of widths; for rays by their angle."""
         if self._by == "touch" or self.place is None:
-            return float(np.clip(self.width_m, *WIDTHS_M))
+            width_m = min(self.width_m, _BEHIND_M) if self._pushes else self.width_m
+            return float(np.clip(width_m, *WIDTHS_M))
         scale = REFERENCE_M / max(float(np.linalg.norm(self.place - self.position)), _LEAST_M)
         return float(np.clip(scale * self.width_m, *WIDTHS_M)) / scale
 

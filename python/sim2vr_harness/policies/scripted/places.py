@@ -21,6 +21,8 @@ LIT = "lit"
 """Name for the highlighted object, unless an object of the scene has this name."""
 _ALIKE = 3
 """Lowest number of objects of one size among which one of another colour is highlighted."""
+_FLAT = 0.5
+"""Largest thickness of something flat, as a proportion of its width."""
 _BESIDE_M, _WIDEST_M = 0.1, 1.0
 """Largest distance from a place, and largest width, of the object at it; wider ones are walls."""
 
@@ -120,18 +122,34 @@ class Places:
         self._kept[name] = chosen.id
         return position_to_mujoco(chosen.pose[:3])
 
-    def width_m(self, place: FloatArray) -> float | None:
-        """Return how wide what is shown at a place is, (3,) MuJoCo's frame; None: nothing is."""
+    def shape(
+        self, place: FloatArray, *, player: bool = False
+    ) -> tuple[float | None, FloatArray | None]:
+        """Return the width of what is shown at a place, (3,) MuJoCo's frame, m, and its facing.
+
+        The facing is the (3,) direction away from the surface of something flat, MuJoCo's frame,
+        towards the headset or against it; None: it is not flat. None, None: nothing is shown there.
+        With ``player``, what stands for the player counts, too.
+        """
         if not isinstance(self._app, WebXRApp) and "scene" not in self._app.capabilities:
-            return None
+            return None, None
         scene = self._app.scene()
         near = [
-            (round(float(np.linalg.norm(position_to_mujoco(one.pose[:3]) - place)), 2), -wide)
-            for one in scene.drawn()
+            (round(float(np.linalg.norm(position_to_mujoco(one.pose[:3]) - place)), 2), -wide, one)
+            for one in scene.drawn(player=player)
             if 0.0 < (wide := float(_size(scene, one)[1])) < _WIDEST_M
         ]
-        gap, wide = min(near, default=(_BESIDE_M, 0.0))
-        return -wide if gap < _BESIDE_M else None
+        gap, wide, one = min(near, key=lambda each: each[:2], default=(_BESIDE_M, 0.0, None))
+        if one is None or gap >= _BESIDE_M:
+            return None, None
+        assert one.mesh is not None
+        sizes = _extents(scene.meshes[one.mesh]) * np.abs(one.scale)
+        if sizes.min() > _FLAT * -wide:
+            return -wide, None
+        axis, w = one.pose[3:6], one.pose[6]
+        thin = np.eye(3)[int(sizes.argmin())]
+        facing = thin + 2.0 * np.cross(axis, np.cross(axis, thin) + w * thin)
+        return -wide, position_to_mujoco(facing)
 
     def unknown(self, name: str) -> InputError:
         """Word the error for a name that no object has ever had."""

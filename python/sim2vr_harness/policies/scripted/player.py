@@ -274,8 +274,11 @@ class Episode:
         outcome.time_s = (self._now + 1 - self._since) / self._hz  # the app knows a step later
         true = self._places.find(step.place, self.hand.position)
         if true is not None:
-            wide = self._places.width_m(true) or 2.0 * _NEAR_M
-            outcome.missed = self.hand.off_m(true, outcome.by) > 0.5 * wide
+            wide = self._places.shape(true)[0] or 2.0 * _NEAR_M
+            # What is touched may have jumped away at that.
+            seen = [true, *(self._seen if outcome.by == "touch" else ())]
+            off_m = min(self.hand.off_m(one, outcome.by) for one in seen if one is not None)
+            outcome.missed = off_m > 0.5 * wide
         self._since = self._now + 1  # what this brings up is not there before
         if step.kind in ("touch", "point"):
             yield from self._stay(_HOLD_S)
@@ -322,7 +325,10 @@ class Episode:
 
     def _arrive(self, step: Step, outcome: StepOutcome) -> Generator[None, None, str]:
         after, error = yield from self._reach(
-            lambda: self._located(step.place), outcome.by, step.seconds
+            lambda: self._located(step.place),
+            outcome.by,
+            step.seconds,
+            pushes=step.kind == "touch",
         )
         outcome.arrived_s = after
         if outcome.by == "ray":
@@ -347,7 +353,11 @@ class Episode:
         to = self._located(step.to)
         if to is None:
             raise self._places.unknown(str(step.to))
+        wide = self._places.shape(to)[0]
         yield from self._stay(_GRASP_S)
+        held = self._places.find(step.place, self.hand.position)
+        if held is not None and step.tool is None and self.hand.error(held, "touch") < _TOUCHED_M:
+            self.hand.hold_tool(held)  # what is held goes there, not the hand
         moved = [0.0]
 
         def carried() -> FloatArray:
@@ -362,10 +372,18 @@ class Episode:
         yield from self._stay(_RELEASE_S)
         if isinstance(step.place, str):
             outcome.object_moved_m = max(moved)
+        rests = self._places.find(step.place, self.hand.position)
+        if self._person is not None and rests is not None and wide is not None:
+            outcome.missed = outcome.missed or _distance(rests, to) > 0.5 * wide
         return "" if after is not None else f"did not get there in {step.seconds:g} s"
 
     def _reach(
-        self, place: Callable[[], FloatArray | None], by: By, seconds: float
+        self,
+        place: Callable[[], FloatArray | None],
+        by: By,
+        seconds: float,
+        *,
+        pushes: bool = False,
     ) -> Generator[None, None, tuple[float | None, float | None]]:
         """Move until there; return after how many seconds (None: not), and the last or least error.
 
@@ -373,6 +391,7 @@ class Episode:
         """
         near = _NEAR_M if by == "touch" else _NEAR_DEG
         settled, least, error, before = 0, None, np.inf, None
+        offs: list[float] = []
         for k in range(self._user_steps(seconds)):
             where = place()
             reacts = before is not None and (where is None or _distance(where, before) > _JUMP_M)
@@ -383,13 +402,22 @@ class Episode:
                 least = error if least is None else min(least, error)
                 settled = settled + 1 if error <= near else 0
                 if isinstance(self.hand, PersonHand):
-                    if k and self.hand.over:  # before, it was at its last target
+                    offs.append(self.hand.off_m(where, by))
+                    # People end on narrow targets when they see, late, that they are on them; after
+                    # a miss they recognise that first.
+                    seen = offs[self._decides : -self._follows][-2:]
+                    on = not self.hand.narrow or (
+                        len(seen) > 1 and max(seen) <= 0.5 * self.hand.width_m
+                    )
+                    # At first it was at its last target.
+                    if k and self.hand.over and on and not (pushes and self.hand.push()):
                         return k / self._hz, error
                 elif settled == _SETTLED:
                     return (k - _SETTLED + 1) / self._hz, error
                 self.hand.follow(where, by)
                 if isinstance(self.hand, PersonHand) and self.hand.new:
-                    self.hand.width_m = self._places.width_m(where) or WIDTH_M
+                    width_m, facing = self._places.shape(where)
+                    self.hand.aim(width_m or WIDTH_M, facing if pushes else None)
             before = where
             yield
         return None, least
@@ -439,7 +467,9 @@ class Episode:
         found = self._located(step.tool)
         if found is None:
             raise self._places.unknown(step.tool)
-        return found
+        away = found - self.hand.position
+        wide = self._places.shape(found, player=True)[0] or 0.0
+        return found + 0.5 * wide * away / max(float(np.linalg.norm(away)), 1e-9)
 
     def _compare(self, outcome: StepOutcome) -> None:
         """Note which values have changed."""

@@ -19,7 +19,7 @@ Place = str | tuple[float, float, float]
 Hand = Literal["left", "right"]
 
 FORMS = (
-    "touch NAME",
+    "touch NAME [with TOOL]",
     "point NAME",
     "press NAME [by touch | by ray]",
     "grab NAME to NAME2",
@@ -148,9 +148,10 @@ def _of_entry(content: Any, field: str) -> list[Step]:
         "seconds": entry.seconds,
         "hand": entry.hand,
         "inputs": None if entry.input is None else (entry.input,),
-        "tool": entry.tool,
         "until": entry.until,
     }
+    if entry.tool is not None:
+        common["tool"] = entry.tool
     steps = [replace(parse_step(text, field), **common) for text in texts]
     for step in steps:
         # Refuse an input that no hand, or not the step's, has.
@@ -185,13 +186,17 @@ def parse_step(text: str, field: str) -> Step:
         if not name.strip() or not to.strip():
             raise InputError(field, repr(text), wanted[0])
         return Step(text, kind, _place(name, field), to=_place(to, field), by="touch")
+    tool = None
+    if kind == "touch" and " with " in rest:
+        rest, _, tool = rest.rpartition(" with ")
     by: Literal["touch", "ray"] | None = "ray" if kind == "point" else "touch"
     if kind == "press":
         by = None
         for way in ("touch", "ray"):
             if rest.endswith(f" by {way}"):
                 by, rest = way, rest.removesuffix(f" by {way}")
-    return Step(text, "touch" if kind == "reach" else kind, _place(rest, field), by=by)
+    kind = "touch" if kind == "reach" else kind
+    return Step(text, kind, _place(rest, field), by=by, tool=tool)
 
 
 def _place(text: str, field: str) -> Place:

@@ -258,7 +258,7 @@ def _forces(one: Tracked) -> NDArray[np.float64]:
 
 
 def film(one: Tracked, file: Path) -> Path:
-    """Film how the body followed, muscles coloured by their activations: blue to red.
+    """Film how the body followed, muscles coloured by their activations: skin to red.
 
     Args:
         one: the recording.

@@ -31,7 +31,7 @@ IntArray = NDArray[np.int64]
 _SEGMENTS = 12
 _TILTS = np.pi * np.array([0.0, 0.15, 0.3, 0.44])
 """Of the rings of half a ball."""
-_RELAXED, _ACTIVE = np.array([64, 92, 184]), np.array([224, 31, 26])
+_RELAXED, _ACTIVE = np.array([204, 168, 145]), np.array([224, 31, 26])
 """As in pictures (``users/appearance.py``)."""
 _LEAST_ALPHA = 0.05
 _SEEN_GROUPS = (0, 1, 2)
@@ -64,7 +64,7 @@ class Posture:
         positions: (parts, 3) MuJoCo's world, m.
         quats: (parts, 4) w x y z.
         muscles: (S, 2, 3) ends of the pieces of muscles.
-        colors: (S, 2, 3) uint8, blue (relaxed) to red (fully active).
+        colors: (S, 2, 3) uint8, skin (relaxed) to red (fully active).
     """
 
     positions: FloatArray

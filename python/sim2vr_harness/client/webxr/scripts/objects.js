@@ -26,6 +26,25 @@
     return [...found].flatMap((one) => (Array.isArray(one?.scenes) ? one.scenes : []));
   };
 
+  // Runs a frame in which engines leave out nothing that the eyes do not see: others look on.
+  sim.uncut = (frame) => {
+    const changed = [];
+    const set = (object, name, value) => {
+      if (object[name] === undefined || object[name] === value) return;
+      push(changed, [object, name, object[name]]);
+      object[name] = value;
+    };
+    for (const scene of sim.threeScenes()) scene.traverse((object) => set(object, 'frustumCulled', false));
+    for (const scene of sim.babylonScenes()) {
+      for (const mesh of scene.meshes) set(mesh, 'alwaysSelectAsActiveMesh', true);
+    }
+    try {
+      return frame();
+    } finally {
+      forEach(changed, ({ 0: object, 1: name, 2: value }) => { object[name] = value; });
+    }
+  };
+
   sim.babylonVersion = () => {
     for (const reference of engines) {
       const known = reference.deref()?.constructor?.Version;

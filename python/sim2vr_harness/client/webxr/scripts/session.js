@@ -12,6 +12,7 @@
   const INPUT_EVENTS = ['select', 'selectstart', 'selectend', 'squeeze', 'squeezestart', 'squeezeend'];
   const ROOM_M = 2; // half the side of the square in which the user may move
   const EYES = { 1: ['none'], 2: ['left', 'right'] };
+  const radians = (degrees) => (degrees * Math.PI) / 180;
   const wrongState = (why) => new DOMException(why, 'InvalidStateError');
   const chosen = (value, known, what) => {
     const text = String(value);
@@ -23,10 +24,7 @@
     throw new TypeError(`${what} is not a sequence`);
   };
 
-  const projection = (session) => {
-    const { depthNear: near, depthFar: far, baseLayer, inlineVerticalFieldOfView } = session._render;
-    const { width, height } = session._immersive ? sim.settings : sim.layer(baseLayer).gl.canvas;
-    const fov = inlineVerticalFieldOfView ?? (sim.settings.vertical_fov_deg * Math.PI) / 180;
+  const projection = ({ depthNear: near, depthFar: far }, fov, { width, height }) => {
     const f = 1 / Math.tan(fov / 2);
     return new Float32Array([
       (f * height) / width, 0, 0, 0, 0, f, 0, 0,
@@ -67,12 +65,21 @@
       if (!head) return null;
       if (session._immersive) sim.viewed = { base: base.where(state), head };
       const eyes = session._eyes;
+      const fov = session._render.inlineVerticalFieldOfView ?? radians(sim.settings.vertical_fov_deg);
+      const layer = session._render.baseLayer && sim.layer(session._render.baseLayer);
+      const size = session._immersive ? sim.settings : layer.gl.canvas;
+      const view = (eye, index, place, angle, area) => make(XRView, {
+        eye, index, frame, area, recommendedViewportScale: null,
+        projectionMatrix: projection(session._render, angle, area), transform: transformOf(place),
+      });
       const views = map(eyes, (eye, index) => {
         const offset = { p: [eyes.length === 1 ? 0 : (index - 0.5) * sim.settings.ipd_m, 0, 0], q: IDENTITY.q };
-        return make(XRView, {
-          eye, index, frame, recommendedViewportScale: null,
-          projectionMatrix: projection(session), transform: transformOf(compose(head, offset)),
-        });
+        return view(eye, index, compose(head, offset), fov,
+          { x: index * size.width, y: 0, width: size.width, height: size.height });
+      });
+      forEach(session._observers, ({ place, fov_deg: degrees }, k) => {
+        const where = place ? compose(inverse(base.where(state)), place) : head;
+        push(views, view('none', views.length, where, radians(degrees), layer.areas[k]));
       });
       return make(XRViewerPose, { ...poseValues(head), views: Object.freeze(views) });
     }
@@ -250,6 +257,7 @@
       this._viewer = { session: this, where: (state) => state.head };
       this._sources = Object.fromEntries(HANDS.map((hand) => [hand, sim.inputSource(this, hand)]));
       this._callbacks = new Map();
+      this._observers = []; // of the frame that runs
       this._last = 0;
       this._ended = false;
       this.page = make(XRSession, this);
@@ -286,8 +294,11 @@
       });
       const { baseLayer, depthNear, depthFar } = this._render;
       sim.beforeFrame();
-      if (!this._call(state) || !drawn || this._ended) return null;
-      return sim.layer(baseLayer).read(depthNear, depthFar);
+      this._observers = drawn && baseLayer ? sim.observers : [];
+      if (this._observers.length) sim.layer(baseLayer).makeRoom(this._observers);
+      const called = this._observers.length ? sim.uncut(() => this._call(state)) : this._call(state);
+      if (!called || !drawn || this._ended) return null;
+      return sim.layer(baseLayer).read(depthNear, depthFar, this._observers);
     }
     // Runs the callbacks; returns whether there were any.
     _call(state) {
@@ -316,6 +327,13 @@
       dispatch(this.page, new XRInputSourcesChangeEvent('inputsourceschange', { session: this.page, added, removed }));
     }
   }
+
+  // Cameras besides the eyes, each {place, fov_deg, width, height, deep}: place null is the head's,
+  // deep asks for the depth as well. Drawn in frames that are drawn at all.
+  sim.observers = [];
+  sim.watchFrom = (rows) => {
+    sim.observers = map(rows, ({ place, ...rest }) => ({ place: fromApp(place), ...rest }));
+  };
 
   sim.events = new Set(); // of inputs, to which the page listens
   sim.wishes = new Set(); // features of sessions

@@ -36,7 +36,7 @@
     const cut = gl.isEnabled(gl.SCISSOR_TEST);
     if (cut) gl.disable(gl.SCISSOR_TEST);
     call(gl, 'bindFramebuffer', gl.READ_FRAMEBUFFER, layer.framebuffer);
-    const whole = [0, 0, layer.framebufferWidth, layer.framebufferHeight];
+    const whole = [0, 0, layer.width, layer.height];
     const kept = gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT;
     intoSolid(gl, layer, () => call(gl, 'blitFramebuffer', ...whole, ...whole, kept, gl.NEAREST));
     call(gl, 'bindFramebuffer', gl.READ_FRAMEBUFFER, read);

@@ -257,7 +257,8 @@
       ended: sim.session._ended,
       failure: sim.failure,
       values: withValues ? readValues() : [],
-      picture: picture && base64(picture),
+      picture: picture && base64(picture.eyes),
+      observed: picture?.observed ?? [],
     };
   };
   sim.begin = () => {

@@ -9,11 +9,10 @@ import torch
 from sim2vr_harness.client.frames import AIM_DIRECTION
 from sim2vr_harness.policies.hierarchical.human_motor import (
     REFERENCE_M,
-    HumanGoals,
     Turning,
     far_off,
 )
-from sim2vr_harness.policies.hierarchical.motor_policy import tips
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals, tips
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS, apart, off_ray, turn_rays
 
 
@@ -22,7 +21,7 @@ def test_a_ray_s_way_is_its_angle_and_what_is_along_it_does_not_count() -> None:
 
     The second hand reaches, and nothing changes for it.
     """
-    goals = HumanGoals.none(1, 2)
+    goals = MotorGoals.none(1, 2)
     goals.rays[0, 0] = 1.0
     goals.place[0] = torch.tensor([[0.0, 2.0, 0.0], [0.3, 0.4, 0.0]])
     hand, tip = torch.zeros(1, 2, 3), torch.tensor([[[2.0, 0.0, 0.0], [0.1, 0.0, 0.0]]])
@@ -52,7 +51,7 @@ def test_the_tip_of_a_ray_is_as_far_away_as_its_place() -> None:
     """
     place = torch.eye(4).repeat(1, 1, 1, 1)
     place[..., 0, 3] = 1.0
-    goals = HumanGoals.none(1, 1)
+    goals = MotorGoals.none(1, 1)
     goals.place[0, 0] = place[0, 0, :3, 3] + 1.5 * torch.from_numpy(AIM_DIRECTION).float()
     turn_rays(goals, torch.ones(1, 1, dtype=torch.bool), place)
     np.testing.assert_allclose(tips(place, goals.tip), goals.place, atol=1e-6)
@@ -74,7 +73,7 @@ def test_a_ray_of_a_page_has_its_own_origin_and_direction() -> None:
     place = torch.eye(4).repeat(1, 1, 1, 1)
     place[0, 0, :3, :3] = torch.tensor([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     place[..., 0, 3] = 1.0
-    goals = HumanGoals.none(1, 1)
+    goals = MotorGoals.none(1, 1)
     goals.place[0, 0] = torch.tensor([1.0, 0.0, 2.1])
     which = torch.ones(1, 1, dtype=torch.bool)
     turn_rays(goals, which, place, rays)

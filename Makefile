@@ -42,7 +42,7 @@ format: setup  ## Rewrite the sources in the house style
 stubs: setup  ## Regenerate python/sim2vr_harness/_app_runtime.pyi
 	@tools/dev/stubs.sh
 
-reference: setup  ## Write docs/reference/settings.md and command_line.md from the package
+reference: setup  ## Write the generated pages of docs/reference from the package
 	$(VENV)/bin/python tools/docs/reference.py
 
 docs: setup  ## Build the documentation's site, build/docs/index.html; dead links are errors

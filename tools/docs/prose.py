@@ -28,6 +28,8 @@ EXEMPT = (
     "docs/evidence/",
     "docs/reference/settings.md",
     "docs/reference/command_line.md",
+    "docs/reference/measures.md",
+    "docs/reference/files.md",
 )
 """Pages of figures and generated pages."""
 

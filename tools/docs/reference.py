@@ -1,4 +1,4 @@
-"""Writes docs/reference/settings.md and command_line.md from the package.
+"""Writes docs/reference/settings.md, command_line.md, measures.md and files.md from the package.
 
 Run: make reference
 """
@@ -9,7 +9,7 @@ import math
 import re
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -23,12 +23,22 @@ from pydantic.fields import FieldInfo
 
 from sim2vr_harness.cli.command import HEADINGS
 from sim2vr_harness.cli.main import app
+from sim2vr_harness.client import describe_game, list_games, list_options
+from sim2vr_harness.client.openxr.app import OPENXR
+from sim2vr_harness.client.tasks.rules import TaskRules
+from sim2vr_harness.client.webxr.app import WEBXR
 from sim2vr_harness.games.registry import imagined_games, imagined_settings
+from sim2vr_harness.human_comparison.measures import EVERY_MEASURE
 from sim2vr_harness.runs.config import TrainingConfig
+from sim2vr_harness.studies.config import StudyConfig
+from sim2vr_harness.studies.effects import EffectsConfig
+from sim2vr_harness.users.bodies.description import BodyDescription
 
 ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = ROOT / "docs/reference/settings.md"
 COMMAND_LINE = ROOT / "docs/reference/command_line.md"
+MEASURES = ROOT / "docs/reference/measures.md"
+FILES = ROOT / "docs/reference/files.md"
 
 INTRODUCTION = """\
 # Settings
@@ -371,7 +381,54 @@ def command_line_page() -> str:
     return "\n".join(parts)
 
 
-PAGES = {SETTINGS: settings_page, COMMAND_LINE: command_line_page}
+# ---------------------------------------------------------------- games, measures, files
+
+WRITTEN = "`make reference` writes this page from the package; edit its texts, not this file.\n"
+
+
+def rows(head: str, cells: Iterable[Sequence[object]]) -> str:
+    """Return a Markdown table; `head` has the names of its columns, separated by commas."""
+    names = head.split(", ")
+    lines = [names, ["---"] * len(names), *cells]
+    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines) + "\n"
+
+
+def measures_page() -> str:
+    """Return the page of the games' facts and of the measures of behaviour."""
+    parts = [f"# Conditions, options and measures\n\n{WRITTEN}"]
+    for game in sorted(list_games()):
+        facts = describe_game(game)
+        parts.append(f"## `{game}`\n\n{facts.description}.\n")
+        parts.append(
+            rows("Condition, Content", [(c.name, c.description) for c in facts.conditions])
+        )
+        found = [(f"`{m.name}`", m.unit, m.label, m.description) for m in facts.measures]
+        parts.append(rows("Measure, Unit, Label, Meaning", found) if found else "")
+        options = [(f"`{o.name}`", o.type, shown(o.default), o.range) for o in list_options(game)]
+        parts.append(rows("Option, Type, Default, Range", options))
+    found = [(f"`{m.name}`", m.family, m.unit, m.where.value, m.label) for m in EVERY_MEASURE]
+    parts.append("## Measures of behaviour\n\nThe [method](human_measures.md) of `compare`.\n")
+    return "\n".join([*parts, rows("Measure, Family, Unit, Where, Meaning", found)])
+
+
+def files_page() -> str:
+    """Return the page of the keys of studies, bodies, tasks and transports."""
+    parts = [f"# Keys of files\n\n{WRITTEN}"]
+    for model in (StudyConfig, EffectsConfig, BodyDescription, TaskRules):
+        title = re.sub(r"Config|Description|Rules", "", model.__name__)
+        parts.append(f"## {title}\n\n{table(list(settings(model, None)))}")
+    for transport in (WEBXR, OPENXR):
+        found = [(f"`{name}`", text) for name, text in transport.options.items()]
+        parts.append(f"## Options of `{transport.name}`\n\n{rows('Option, Meaning', found)}")
+    return "\n".join(parts)
+
+
+PAGES = {
+    SETTINGS: settings_page,
+    COMMAND_LINE: command_line_page,
+    MEASURES: measures_page,
+    FILES: files_page,
+}
 """Page -> the function that writes it."""
 
 

@@ -181,7 +181,8 @@ class PyAppBatch {
              int height, int eyes, float ipd_m, const std::string& renderer, bool share_renderer,
              const std::vector<std::string>& log_dirs, double fixed_delta_time_s,
              double maximum_delta_time_s, double fixed_step_tolerance_s,
-             const std::vector<int>& vision_channels) {
+             const std::vector<int>& vision_channels, int fovea_width, int fovea_height,
+             float fovea_pixel_m) {
     runtime::BatchSettings settings;
     settings.app.game = game;
     settings.app.options_json = options;
@@ -196,6 +197,8 @@ class PyAppBatch {
     settings.threads = threads;
     settings.renderer = render::rendererKindFromName(renderer);
     settings.vision_channels = vision_channels;
+    settings.fovea_size = {fovea_width, fovea_height};
+    settings.fovea_pixel_m = fovea_pixel_m;
     const py::gil_scoped_release release;
     if (share_renderer) settings.renderers.push_back(sharedRenderer(settings.renderer));
     batch_ = std::make_shared<runtime::AppBatch>(settings);
@@ -274,12 +277,13 @@ class PyAppBatch {
   }
 
   template <class T>
-  py::array_t<T> view(std::span<const T> values, std::vector<py::ssize_t> shape) const {
+  py::array_t<T> view(std::span<const T> values, std::vector<py::ssize_t> shape,
+                      bool writeable = false) const {
     auto* owner = new std::shared_ptr<runtime::AppBatch>(batch_);
     const py::capsule base(
         owner, [](void* kept) { delete static_cast<std::shared_ptr<runtime::AppBatch>*>(kept); });
     py::array_t<T> array(std::move(shape), values.data(), base);
-    array.attr("flags").attr("writeable") = false;
+    if (!writeable) array.attr("flags").attr("writeable") = false;
     return array;
   }
 
@@ -300,6 +304,15 @@ class PyAppBatch {
     const auto channels = static_cast<py::ssize_t>(batch().settings().vision_channels.size());
     return view(batch().vision(), {batch().size(), app.eyes * channels, height, width});
   }
+  py::array_t<std::uint8_t> fovea() const {
+    const auto [width, height] = batch().settings().fovea_size;
+    return view(batch().fovea(), {batch().size(), height, width, 4});
+  }
+  py::array_t<float> foveaDepth() const {
+    const auto [width, height] = batch().settings().fovea_size;
+    return view(batch().foveaDepth(), {batch().size(), height, width});
+  }
+  py::array_t<float> gaze() const { return view<float>(batch().gaze(), {batch().size(), 2}, true); }
   py::array_t<float> rewards() const { return view(batch().rewards(), {batch().size()}); }
   py::array_t<std::uint8_t> finished() const { return view(batch().finished(), {batch().size()}); }
   py::array_t<float> timeFeatures() const { return view(batch().timeFeatures(), {batch().size()}); }
@@ -379,7 +392,7 @@ void bindAppBatch(py::module_& module) {
       "the apps work; one AppBatch must not be used from two threads at once, different ones may.")
       .def(py::init<const std::string&, const std::string&, int, int, int, int, int, float,
                     const std::string&, bool, const std::vector<std::string>&, double, double,
-                    double, const std::vector<int>&>(),
+                    double, const std::vector<int>&, int, int, float>(),
            py::kw_only(), py::arg("game"), py::arg("options") = "{}", py::arg("apps") = 1,
            py::arg("threads") = 1, py::arg("width") = 120, py::arg("height") = 80,
            py::arg("eyes") = 1, py::arg("ipd_m") = runtime::AppSettings{}.ipd_m,
@@ -388,11 +401,14 @@ void bindAppBatch(py::module_& module) {
            py::arg("fixed_delta_time_s") = TimeSettings{}.fixed_delta_time_s,
            py::arg("maximum_delta_time_s") = TimeSettings{}.maximum_delta_time_s,
            py::arg("fixed_step_tolerance_s") = TimeSettings{}.fixed_step_tolerance_s,
-           py::arg("vision_channels") = std::vector<int>{},
+           py::arg("vision_channels") = std::vector<int>{}, py::arg("fovea_width") = 0,
+           py::arg("fovea_height") = 0, py::arg("fovea_pixel_m") = 0.0F,
            "options: JSON object. share_renderer: the first thread draws with the renderer that "
            "the process shares. log_dirs: root of each app's episode logs; [] for no logs. The "
            "times are those of TimeSettings in core/clock.hpp. vision_channels: what `vision` "
-           "holds, 0 red, 1 green, 2 blue, 3 depth.")
+           "holds, 0 red, 1 green, 2 blue, 3 depth. fovea_*: size in pixels of `fovea`, 0: none, "
+           "and "
+           "width of a pixel at a depth of 1 m.")
       .def("reset", &PyAppBatch::reset, py::arg("indices"), py::arg("seeds"), py::arg("options"),
            py::arg("head"), py::arg("left_controller") = py::none(),
            py::arg("right_controller") = py::none(), py::arg("left_inputs") = py::none(),
@@ -412,6 +428,13 @@ void bindAppBatch(py::module_& module) {
       .def_property_readonly(
           "vision", &PyAppBatch::vision,
           "(N, eyes * channels, height, width) uint8: the vision_channels of images.")
+      .def_property_readonly("fovea", &PyAppBatch::fovea,
+                             "(N, height, width, 4) uint8 like images: windows around the gaze.")
+      .def_property_readonly("fovea_depth", &PyAppBatch::foveaDepth,
+                             "(N, height, width) float32: depths of fovea, m.")
+      .def_property_readonly("gaze", &PyAppBatch::gaze,
+                             "(N, 2) float32, writable: middles of the next windows, right and up, "
+                             "m at a depth of 1 m.")
       .def_property_readonly("rewards", &PyAppBatch::rewards, "(N,) float32 of the last step.")
       .def_property_readonly("finished", &PyAppBatch::finished, "(N,) uint8.")
       .def_property_readonly("time_features", &PyAppBatch::timeFeatures, "(N,) float32.")

@@ -378,7 +378,7 @@ void GlRenderer::dropTarget(const Target& target) {
 // One view at a time: an atlas of all views makes the CPU's caches overflow, and shifted viewports
 // round differently. The views share the current context and the uploads.
 void GlRenderer::renderBatch(std::span<const ViewRequest> requests) {
-  for (const ViewRequest& each : requests) checkRenderArguments(each.size, each.rgba);
+  for (const ViewRequest& each : requests) checkRenderArguments(each);
   if (requests.empty()) return;
   const std::lock_guard lock(mutex_);
   const auto current = context_->makeCurrent();
@@ -397,8 +397,20 @@ void GlRenderer::renderSome(std::span<const ViewRequest> requests) {
   for (std::size_t i = 0; i < requests.size(); ++i) prepare(requests[i], prepared_[i]);
   upload();
   for (std::size_t i = 0; i < requests.size(); ++i) {
-    draw(prepared_[i], requests[i].size);
+    draw(prepared_[i], requests[i]);
     readback_->read(requests[i].size, requests[i].rgba);
+    if (!requests[i].depth_m.empty()) readDepth(prepared_[i].frame, requests[i]);
+  }
+}
+
+/// Of the bound framebuffer. The projection is undone: z / w = scale + offset / depth.
+void GlRenderer::readDepth(const Frame& frame, const ViewRequest& request) {
+  gl_->ReadPixels(0, 0, request.size.width, request.size.height, GL_DEPTH_COMPONENT, GL_FLOAT,
+                  request.depth_m.data());
+  const float scale = frame.uniforms.projection[2], offset = frame.uniforms.projection[3];
+  for (float& each : request.depth_m) {
+    each = each < 1.0F ? std::min(offset / (2.0F * each - 1.0F - scale), frame.view.far_m)
+                       : frame.view.far_m;
   }
 }
 
@@ -446,15 +458,17 @@ void GlRenderer::upload() {
                   GL_STREAM_DRAW);
 }
 
-void GlRenderer::draw(Prepared& prepared, ImageSize size) {
+void GlRenderer::draw(Prepared& prepared, const ViewRequest& request) {
   Frame& frame = prepared.frame;
+  const ImageSize size = request.size;
   ++frame_number_;
   gl_->BindBufferRange(GL_UNIFORM_BUFFER, 0, uniform_buffer_,
                        static_cast<GLintptr>(prepared.uniforms_offset), sizeof(FrameUniforms));
   GLuint sky = 0;
   if (frame.has_sky) {
     sky_->prepare(frame);  // another view of the batch may have had another sky
-    sky = sky_->picture(frame, size);
+    // The gaze never stays: keeping its skies would drop those of the headset's views.
+    if (request.depth_m.empty()) sky = sky_->picture(frame, size);
   }
   const GLuint framebuffer = target(size).framebuffer;
   gl_->BindFramebuffer(GL_FRAMEBUFFER, framebuffer);

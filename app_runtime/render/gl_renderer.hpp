@@ -149,7 +149,8 @@ class GlRenderer final : public Renderer {
   void prepare(const ViewRequest& request, Prepared& prepared);
   std::size_t addUniforms(const FrameUniforms& uniforms);
   void upload();
-  void draw(Prepared& prepared, ImageSize size);
+  void draw(Prepared& prepared, const ViewRequest& request);
+  void readDepth(const Frame& frame, const ViewRequest& request);
   void clear(const Frame& frame, GLuint framebuffer, ImageSize size, GLuint sky);
   void drawItems(const std::vector<DrawItem>& items, std::size_t first_instance);
   void applyState(const DrawState& state);

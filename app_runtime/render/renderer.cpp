@@ -23,9 +23,10 @@ class NullRenderer final : public Renderer {
   bool drawsOnCpu() const override { return true; }
   void renderBatch(std::span<const ViewRequest> requests) override {
     for (const ViewRequest& each : requests) {
-      checkRenderArguments(each.size, each.rgba);
+      checkRenderArguments(each);
       std::fill(each.rgba.begin(), each.rgba.end(), std::uint8_t{0});
       for (std::size_t i = 3; i < each.rgba.size(); i += 4) each.rgba[i] = 255;
+      std::fill(each.depth_m.begin(), each.depth_m.end(), static_cast<float>(each.camera.far_m));
     }
   }
 
@@ -68,10 +69,15 @@ RendererKind rendererKindFromName(std::string_view name) {
                         listChoices(kKindNames) + didYouMean(name, kKindNames));
 }
 
-void Renderer::checkRenderArguments(ImageSize size, std::span<const std::uint8_t> rgba) {
+void Renderer::checkRenderArguments(const ViewRequest& request) {
+  const ImageSize size = request.size;
   checkImageSize(size);
-  if (rgba.size() != 4 * size.pixels()) {
-    throw InvalidArgument("rgba buffer", fmt::format("{} bytes", rgba.size()),
+  if (!request.depth_m.empty() && request.depth_m.size() != size.pixels()) {
+    throw InvalidArgument("depth buffer", fmt::format("{} numbers", request.depth_m.size()),
+                          fmt::format("{} (height x width)", size.pixels()));
+  }
+  if (request.rgba.size() != 4 * size.pixels()) {
+    throw InvalidArgument("rgba buffer", fmt::format("{} bytes", request.rgba.size()),
                           fmt::format("{} bytes (height {} x width {} x 4)", 4 * size.pixels(),
                                       size.height, size.width));
   }

@@ -265,6 +265,12 @@ void App::addViews(std::vector<render::ViewRequest>& views) {
   }
 }
 
+void App::addWindow(std::vector<render::ViewRequest>& views, const render::EyeView& eye,
+                    render::ImageSize size, std::span<std::uint8_t> rgba,
+                    std::span<float> depth_m) {
+  views.push_back({round("draw").scene, camera(View::headset), size, rgba, eye, depth_m});
+}
+
 void App::draw() {
   std::vector<render::ViewRequest> views;
   addViews(views);

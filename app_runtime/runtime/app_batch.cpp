@@ -70,6 +70,16 @@ AppBatch::AppBatch(const BatchSettings& settings)
   const std::size_t bytes = settings_.app.imageBytes();
   images_.resize(count * bytes);
   vision_.resize(count * bytes / kImageChannels * settings_.vision_channels.size());
+  const std::size_t window = settings_.fovea_size.width > 0 ? settings_.fovea_size.pixels() : 0;
+  if (window > 0) {
+    render::checkImageSize(settings_.fovea_size);
+    if (!(settings_.fovea_pixel_m > 0.0F)) {
+      throw InvalidArgument("fovea_pixel_m", fmt::format("{}", settings_.fovea_pixel_m), "above 0");
+    }
+  }
+  fovea_.resize(count * window * kImageChannels);
+  fovea_depth_.resize(count * window);
+  gaze_.resize(2 * count);
   rewards_.resize(count);
   finished_.resize(count);
   time_features_.resize(count);
@@ -142,6 +152,7 @@ void AppBatch::run(std::span<const int> indices, const Start& start, const Finis
         start(i);
         fillPrivileged(indices[i], privileged_drawn_);
         at(indices, i).addViews(views);
+        if (!fovea_.empty()) addFovea(indices[i], views);
       });
     }
   };
@@ -218,6 +229,20 @@ void AppBatch::load(int index, const std::string& state) {
   fillPrivileged(index, privileged_drawn_);
   countEvents(index);
   fillLog(index);
+}
+
+void AppBatch::addFovea(int index, std::vector<render::ViewRequest>& views) {
+  const auto row = static_cast<std::size_t>(index);
+  const render::ImageSize size = settings_.fovea_size;
+  const double half_x = 0.5 * size.width * settings_.fovea_pixel_m;
+  const double half_y = 0.5 * size.height * settings_.fovea_pixel_m;
+  const double right = gaze_[2 * row], up = gaze_[2 * row + 1];
+  const std::size_t pixels = size.pixels();
+  apps_[row]->addWindow(
+      views,
+      {.left = right - half_x, .right = right + half_x, .down = up - half_y, .up = up + half_y},
+      size, std::span(fovea_).subspan(row * pixels * kImageChannels, pixels * kImageChannels),
+      std::span(fovea_depth_).subspan(row * pixels, pixels));
 }
 
 void AppBatch::separateChannels(int index) {

@@ -24,9 +24,9 @@ class AppBatch:
     """
     N apps of one game, stepped together on threads; one app is a batch of one. Poses are float64 rows of 7: position x y z (m), rotation x y z w, app frame (left-handed, y up, z forward); inputs of a controller are rows of 13 (client/devices.py). M apps are chosen by their indices. Arrays of results are read-only views without copies: calls overwrite the rows of the apps they move; they stay valid memory after close(). The GIL is released while the apps work; one AppBatch must not be used from two threads at once, different ones may.
     """
-    def __init__(self, *, game: str, options: str = '{}', apps: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 1, width: typing.SupportsInt | typing.SupportsIndex = 120, height: typing.SupportsInt | typing.SupportsIndex = 80, eyes: typing.SupportsInt | typing.SupportsIndex = 1, ipd_m: typing.SupportsFloat | typing.SupportsIndex = 0.06400000303983688, renderer: str = 'automatic', share_renderer: bool = False, log_dirs: collections.abc.Sequence[str] = [], fixed_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.002, maximum_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.3333333333333333, fixed_step_tolerance_s: typing.SupportsFloat | typing.SupportsIndex = 0.0, vision_channels: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = []) -> None:
+    def __init__(self, *, game: str, options: str = '{}', apps: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 1, width: typing.SupportsInt | typing.SupportsIndex = 120, height: typing.SupportsInt | typing.SupportsIndex = 80, eyes: typing.SupportsInt | typing.SupportsIndex = 1, ipd_m: typing.SupportsFloat | typing.SupportsIndex = 0.06400000303983688, renderer: str = 'automatic', share_renderer: bool = False, log_dirs: collections.abc.Sequence[str] = [], fixed_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.002, maximum_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.3333333333333333, fixed_step_tolerance_s: typing.SupportsFloat | typing.SupportsIndex = 0.0, vision_channels: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [], fovea_width: typing.SupportsInt | typing.SupportsIndex = 0, fovea_height: typing.SupportsInt | typing.SupportsIndex = 0, fovea_pixel_m: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
         """
-        options: JSON object. share_renderer: the first thread draws with the renderer that the process shares. log_dirs: root of each app's episode logs; [] for no logs. The times are those of TimeSettings in core/clock.hpp. vision_channels: what `vision` holds, 0 red, 1 green, 2 blue, 3 depth.
+        options: JSON object. share_renderer: the first thread draws with the renderer that the process shares. log_dirs: root of each app's episode logs; [] for no logs. The times are those of TimeSettings in core/clock.hpp. vision_channels: what `vision` holds, 0 red, 1 green, 2 blue, 3 depth. fovea_*: size in pixels of `fovea`, 0: none, and width of a pixel at a depth of 1 m.
         """
     def close(self) -> None:
         """
@@ -85,6 +85,21 @@ class AppBatch:
     def finished(self) -> numpy.typing.NDArray[numpy.uint8]:
         """
         (N,) uint8.
+        """
+    @property
+    def fovea(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        (N, height, width, 4) uint8 like images: windows around the gaze.
+        """
+    @property
+    def fovea_depth(self) -> numpy.typing.NDArray[numpy.float32]:
+        """
+        (N, height, width) float32: depths of fovea, m.
+        """
+    @property
+    def gaze(self) -> numpy.typing.NDArray[numpy.float32]:
+        """
+        (N, 2) float32, writable: middles of the next windows, right and up, m at a depth of 1 m.
         """
     @property
     def haptic_counts(self) -> numpy.typing.NDArray[numpy.int32]:

@@ -184,7 +184,7 @@ def _percent(share: Mapping[str, Any]) -> str:
 
 
 def _share(share: Mapping[str, Any]) -> str:
-    return f"{100.0 * share['share']:.0f} %"
+    return "-" if share["share"] is None else f"{100.0 * share['share']:.0f} %"
 
 
 def answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
@@ -216,8 +216,7 @@ def answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 def _first(values: Mapping[str, Any], still: Path) -> list[Part]:
     """Return the picture and the table of the first screen."""
-    header = _ANSWER
-    rows = [(*row, CLAUSES.get(row[3], "")) for row in answers(values)]
+    header, rows = _ANSWER, answers(values)
     if not rows:
         header, columns = ("target", "can use it", "seen", "reached"), ("usable", "seen", "reached")
         hard = sorted(values["targets"], key=lambda each: each["usable"]["share"] or 0.0)
@@ -236,6 +235,10 @@ def _sections(
     sections: list[tuple[str, list[Part]]] = [
         ("What limits this answer", [listed([*told, *LIMITS])])
     ]
+    reasons = sorted({row[3] for row in answers(values)} & CLAUSES.keys())
+    if reasons:
+        rows = [(reason, CLAUSES[reason]) for reason in reasons]
+        sections.append(("Requirements that this concerns", [table(("why not", "see"), rows)]))
     figure = drawn(Figure("targets", "Targets", _TURN, (_space(audit),)), still=False)
     sections.append(("Where the targets are", [figure]))
     case = worst_case(audit)
@@ -314,7 +317,6 @@ _ANSWER: tuple[str, ...] = (
     "can use it",
     "why not",
     "smallest change that includes 95 %",
-    "concerns",
 )
 _OPERATED = (
     "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "
@@ -544,7 +546,7 @@ def write_picture(audit: Audit, file: Path) -> None:
     for i in np.argsort(usable, kind="stable"):  # where there is no room, the worst have labels
         text = audit.targets[i].name
         if len(audit.subjects) >= FEWEST:
-            text += f" {100.0 * usable[i]:.0f} %"
+            text += f": {100.0 * usable[i]:.0f} %"
         for dx, dy, anchor in ((20, 0, "lm"), (-20, 0, "rm"), (0, -26, "mb"), (0, 26, "mt")):
             place = (at[i, 0] + dx, at[i, 1] + dy)
             box = draw.textbbox(place, text, font, anchor)

@@ -13,12 +13,12 @@ from typer.core import TyperCommand, TyperGroup
 
 from sim2vr_harness.cli.options import with_options
 
-HEADINGS = PLAY, STUDY, ANALYSE, LOOK, KNOW = (
-    "Play and train",
-    "Study",
-    "Analyse",
-    "Look",
-    "Know",
+HEADINGS = DESIGNS, USERS, RECORDED, LOOK, SETUP = (
+    "Who can use it, and which design is better",
+    "What does a user do, or learn to do",
+    "How do recorded people do it",
+    "How does it look",
+    "What is there, and does it work",
 )
 """The groups of ``sim2vr-harness --help``, in order."""
 

@@ -38,16 +38,17 @@ from sim2vr_harness.cli import (
 )
 from sim2vr_harness.cli import render as pictures
 from sim2vr_harness.cli import report as report_command
-from sim2vr_harness.cli.command import ANALYSE, KNOW, LOOK, PLAY, STUDY, CommandGroup
+from sim2vr_harness.cli.command import DESIGNS, LOOK, RECORDED, SETUP, USERS, CommandGroup
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
 
 app = CommandGroup(
-    """Train and evaluate simulated users of VR applications.
+    """Test VR applications with simulated users.
 
     Examples:
+        sim2vr-harness audit --game whacamole --condition low --people 100
+        sim2vr-harness study --game panel --user "press lit by ray" --vary button_m=0.04,0.08
         sim2vr-harness train sample
-        sim2vr-harness evaluate pretrained:whacamole_constrained --episodes 2
     """,
     name="sim2vr-harness",
     add_completion=True,
@@ -89,29 +90,29 @@ def _options(
     ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks of errors.")] = False,
 ) -> None:
-    """Train and evaluate simulated users of VR applications."""
+    """Test VR applications with simulated users."""
 
 
-app.add("train", train.train, PLAY)
-app.add("evaluate", evaluate.evaluate, PLAY, cls=HelpWithGames)
-app.add("watch", watch.watch, PLAY)
-app.add("replay", replay.replay, PLAY)
-app.add_typer(session.app, name="session", rich_help_panel=PLAY)
-app.add("study", study.study, STUDY)
-app.add("report", report_command.report, STUDY)
-app.add("compare", compare.compare, STUDY)
-app.add("track", track.track, ANALYSE)
-app.add("audit", audit.audit, ANALYSE)
-app.add("export", export.export, ANALYSE)
-plot.add("curves", pictures.curves)
-app.add_typer(plot, name="plot", rich_help_panel=LOOK)
+app.add("audit", audit.audit, DESIGNS)
+app.add("study", study.study, DESIGNS)
+app.add("report", report_command.report, DESIGNS)
+app.add("evaluate", evaluate.evaluate, USERS, cls=HelpWithGames)
+app.add("train", train.train, USERS)
+app.add("export", export.export, USERS)
+app.add("compare", compare.compare, RECORDED)
+app.add_typer(session.app, name="session", rich_help_panel=RECORDED)
+app.add("replay", replay.replay, RECORDED)
+app.add("track", track.track, RECORDED)
+app.add("watch", watch.watch, LOOK)
 render.add("snapshot", pictures.snapshot)
 render.add("film", pictures.film)
 app.add_typer(render, name="render", rich_help_panel=LOOK)
-app.add("games", games.games, KNOW)
-app.add_typer(page.app, name="page", rich_help_panel=KNOW)
-app.add_typer(users.app, name="users", rich_help_panel=KNOW)
-app.add("doctor", doctor.doctor, KNOW)
+plot.add("curves", pictures.curves)
+app.add_typer(plot, name="plot", rich_help_panel=LOOK)
+app.add("doctor", doctor.doctor, SETUP)
+app.add("games", games.games, SETUP)
+app.add_typer(users.app, name="users", rich_help_panel=SETUP)
+app.add_typer(page.app, name="page", rich_help_panel=SETUP)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -136,6 +136,8 @@ def _of_people(settings: TrainingConfig, count: int | None = None) -> TrainingCo
         InputError: another recipe than ``skills``.
     """
     from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.client import transport_named
+    from sim2vr_harness.envs.config import FoveaConfig
     from sim2vr_harness.envs.people_preset import as_population
     from sim2vr_harness.perception.registry import SenseConfig
 
@@ -143,8 +145,15 @@ def _of_people(settings: TrainingConfig, count: int | None = None) -> TrainingCo
         raise InputError("--people", f"it with recipe {settings.recipe!r}", "recipe 'skills'")
     env = settings.env
     known = {sense.sense for sense in env.senses}
-    more = [SenseConfig(sense=name) for name in ("headset", "person") if name not in known]
-    update = {"user": as_population(env.user, count), "senses": (*env.senses, *more)}
+    names, vision = ["headset", "person"], env.vision
+    if "fovea" in transport_named(env.app.transport).capabilities:
+        vision = vision.model_copy(update={"fovea": FoveaConfig(gaze="moves")})
+        names += ["fovea", "fovea_depth", "gaze"]
+    else:
+        say("note: persons see the headset's picture only, without a second one around the gaze")
+    more = [SenseConfig(sense=name) for name in names if name not in known]
+    senses = (*env.senses, *more)
+    update = {"user": as_population(env.user, count), "senses": senses, "vision": vision}
     skills = settings.skills.model_copy(update={"user": "person"})
     changed = settings.model_copy(update={"env": env.model_copy(update=update), "skills": skills})
     return type(settings).model_validate(changed.model_dump())

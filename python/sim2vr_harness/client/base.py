@@ -114,6 +114,7 @@ CAPABILITIES: dict[str, str] = {
     "privileged": "numbers behind the picture, for teachers",
     "scene": "the scene's objects: where they are, their shapes and colours",
     "observers": "draws further views in the steps to come, with their depth",
+    "fovea": "a second, narrow picture around the gaze, with its depth in metres",
 }
 """Capabilities that an app may have, with their meaning; see :attr:`AppClient.capabilities`."""
 
@@ -127,6 +128,8 @@ class AppClient(ABC):
 
     kind = "the app"
     """Name of the app's kind in errors."""
+    gaze: Float32Array = np.zeros(2, np.float32)
+    """(2,) middle of :attr:`fovea` in the next drawn frame, right and up, m at a depth of 1 m."""
 
     @property
     @abstractmethod
@@ -141,6 +144,11 @@ class AppClient(ABC):
         With two eyes (2, H, W, 4): left, right. A view of the app's buffer: overwritten by the next
         reset or step, so copy what must last.
         """
+
+    @property
+    def fovea(self) -> tuple[UInt8Array, Float32Array]:
+        """Picture around the gaze, (h, w, 4) RGBA, and its depth, (h, w) m, of the drawn frame."""
+        raise self._without("fovea")
 
     @abstractmethod
     def reset(

@@ -56,6 +56,8 @@ class InProcessBatch:
         threads: 1 or more.
         vision_channels: which channels of the images (0 red, 1 green, 2 blue, 3 depth)
             :attr:`pictures` holds.
+        fovea: width and height of the pictures around the gaze, 0: none, and the width of a pixel
+            at a depth of 1 m, m.
         clock: fixed step and tolerances of the apps' clocks.
 
     Raises:
@@ -78,6 +80,7 @@ class InProcessBatch:
         log_dirs: Sequence[Path] | None = None,
         threads: int = 1,
         vision_channels: Sequence[int] = (),
+        fovea: tuple[int, int, float] = (0, 0, 0.0),
         clock: ClockSettings | None = None,
     ) -> None:
         self._batch: Any = load_runtime().AppBatch(
@@ -93,6 +96,9 @@ class InProcessBatch:
             share_renderer=share_renderer,
             log_dirs=[os.fsencode(folder) for folder in log_dirs or ()],
             vision_channels=list(vision_channels),
+            fovea_width=fovea[0],
+            fovea_height=fovea[1],
+            fovea_pixel_m=fovea[2],
             **asdict(clock or ClockSettings()),
         )
         self._bind()
@@ -119,6 +125,11 @@ class InProcessBatch:
         self.pictures: UInt8Array = self._batch.vision
         """(N, eyes * C, H, W) the chosen channels of the images, the left eye's first; overwritten
         like them."""
+        self.fovea: UInt8Array = self._batch.fovea
+        """(N, h, w, 4) pictures around the gaze, and their depths, m; overwritten like them."""
+        self.fovea_depth: Float32Array = self._batch.fovea_depth
+        self.gaze: Float32Array = self._batch.gaze
+        """(N, 2) middles of the next of these pictures, right and up, m at a depth of 1 m."""
         self.reward: NDArray[np.float32] = self._batch.rewards
         """(N,) of every app's last step or reset; overwritten, as all results."""
         self.finished: UInt8Array = self._batch.finished
@@ -327,7 +338,7 @@ class InProcessBatchApp(AppClient):
         self._index = index
         self._meshes: list[SceneMesh] = []
         self._indices = np.array([index], dtype=np.int32)
-        self._capabilities = batch.capabilities
+        self._capabilities = batch.capabilities | ({"fovea"} if batch.fovea.size else set())
 
     @property
     def batch(self) -> InProcessBatch:
@@ -356,6 +367,11 @@ class InProcessBatchApp(AppClient):
         image: UInt8Array = self.batch.images[self._index]
         return image
 
+    @property
+    def fovea(self) -> tuple[UInt8Array, Float32Array]:
+        self.require("fovea")
+        return self.batch.fovea[self._index], self.batch.fovea_depth[self._index]
+
     def reset(
         self,
         seed: int,
@@ -365,6 +381,7 @@ class InProcessBatchApp(AppClient):
         time_ns: int = 0,
     ) -> AppReply:
         batch = self.batch
+        batch.gaze[self._index] = self.gaze
         batch.reset([self._index], [checked_seed(seed)], _one_app(poses), options, time_ns=time_ns)
         return batch.reply(self._index)
 
@@ -380,6 +397,7 @@ class InProcessBatchApp(AppClient):
     ) -> AppReply:
         """Runs (1, K) frames of this app alone, whatever other apps have started."""
         batch = self.batch
+        batch.gaze[self._index] = self.gaze
         batch.native.step(self._indices, times_ns, *devices, drawn)
         return batch.reply(self._index)
 
@@ -387,6 +405,7 @@ class InProcessBatchApp(AppClient):
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
     ) -> None:
         """Queue a step; its frames run when the first app of the batch finishes its own."""
+        self.batch.gaze[self._index] = self.gaze
         self.batch.start(self._index, times_ns, poses, drawn)
 
     def finish_step(self) -> AppReply:

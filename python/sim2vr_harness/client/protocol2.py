@@ -398,7 +398,7 @@ class Protocol2Connection:
             **asdict(clock or ClockSettings()),
             "eyes": eyes,
             "ipd_m": ipd_m,
-            "capabilities": sorted(CAPABILITIES),
+            "capabilities": sorted(CAPABILITIES.keys() - {"fovea"}),
             "shared_memory": shared_memory,
         }
         try:

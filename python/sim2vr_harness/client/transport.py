@@ -72,6 +72,8 @@ class AppsWanted:
     Attributes:
         width, height: of one eye's image, pixels.
         eyes: 1, or 2 for a picture of each.
+        fovea: width and height of the picture around the gaze, pixels, 0: none, and the width of a
+            pixel at a depth of 1 m, m.
         ipd_m: distance between the pupils, metres.
         depth: whether a user sees the image's depth.
         renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``.
@@ -90,6 +92,7 @@ class AppsWanted:
     width: int = 120
     height: int = 80
     eyes: int = 1
+    fovea: tuple[int, int, float] = (0, 0, 0.0)
     ipd_m: float = 0.064
     depth: bool = True
     renderer: str = "automatic"

@@ -291,7 +291,7 @@ PROTOCOL2 = Transport(
     name="protocol2",
     summary="our own protocol, several times as fast: sim2vr-app, on this machine or another",
     apps=_protocol2_apps,
-    capabilities=frozenset(CAPABILITIES) - {"privileged"},
+    capabilities=frozenset(CAPABILITIES) - {"privileged", "fovea"},
     reads=_STARTED_OR_FOUND - {"time_scale"} | {"processes"},
     knows_options=lambda place: place.connect is None,
     facts=_protocol2_facts,
@@ -313,6 +313,7 @@ def _batch(
         log_dirs=None if log_dir is None else [log_dir / f"user{i:03d}" for i in range(wanted.n)],
         threads=wanted.threads,
         vision_channels=vision_channels,
+        fovea=wanted.fovea,
     )
 
 

@@ -9,6 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from sim2vr_harness.base.state import RowState
 from sim2vr_harness.client.devices import INPUT_COUNT, input_named
 
+SACCADE_S, SACCADE_S_PER_DEG = 0.021, 0.0022
+"""Duration of a saccade, and its growth with the amplitude (Carpenter 1988)."""
+PURSUIT_DEG_S = 90.0
+"""Fastest smooth pursuit (Meyer, Lasker and Robinson 1985)."""
 PRESS, RELEASE = 0.33, -0.33
 """A finger presses a button by an action above the one, releases it by one below the other."""
 
@@ -20,19 +24,26 @@ class Actions(RowState):
 
     An analogue input has the value of the action, [-1, 1] mapped linearly to its range. A button is
     pressed by an action above 0.33, released by one below -0.33 and unchanged in between. Both hold
-    for the whole user step. If the gaze moves, the last two actions are its direction. Rounds begin
+    for the whole user step. If the gaze moves, the last two actions are its direction: smooth
+    pursuit follows small changes, a saccade covers larger ones and cannot be stopped. Rounds begin
     with inputs at rest and the gaze straight ahead.
 
     Args:
         body: names of the body's actions.
         inputs: names of the inputs that the fingers press (client.INPUT_NAMES).
         gaze_range_deg: rotation range of the gaze; 0: it does not move.
+        step_s: duration of a user step.
     """
 
-    _state = ("input_values", "gaze_deg", "last")
+    _state = ("input_values", "gaze_deg", "last", "_goal_deg", "_saccade_s", "blind")
 
     def __init__(
-        self, n: int, body: tuple[str, ...], inputs: tuple[str, ...], gaze_range_deg: float
+        self,
+        n: int,
+        body: tuple[str, ...],
+        inputs: tuple[str, ...],
+        gaze_range_deg: float,
+        step_s: float,
     ) -> None:
         gaze = ("gaze right", "gaze up") if gaze_range_deg else ()
         self.names = (*body, *inputs, *gaze)
@@ -46,6 +57,9 @@ class Actions(RowState):
         """(N, F) values of the inputs, 0 at rest."""
         self.gaze_deg: FloatArray = np.zeros((n, len(gaze)))
         """(N, 2) gaze, degrees right and up; (N, 0) where it does not move."""
+        self._step_s, self._goal_deg, self._saccade_s = step_s, self.gaze_deg.copy(), np.zeros(n)
+        self.blind = np.zeros(n, dtype=bool)
+        """(N,) True if a saccade goes on at the end of the user step."""
         self.last: FloatArray = np.zeros((n, len(self.names)))
         """(N, A) of the last user step, in [-1, 1]; 0 after a reset."""
 
@@ -79,7 +93,18 @@ class Actions(RowState):
         analogue = self._low + (pressing + 1.0) / 2.0 * (1.0 - self._low)
         pressed = (pressing > PRESS) | ((self.input_values > 0.0) & (pressing >= RELEASE))
         self.input_values[...] = np.where(self._digital, pressed, analogue)
-        self.gaze_deg[...] = extra[:, len(self._inputs) :] * self._gaze_range_deg
+        if self._gaze_range_deg:
+            # Pursue what is wanted, or go on with the saccade that has begun.
+            wanted_deg = extra[:, len(self._inputs) :] * self._gaze_range_deg
+            far = np.linalg.norm(wanted_deg - self.gaze_deg, axis=1)
+            free = self._saccade_s <= 0.0
+            self._goal_deg[free] = wanted_deg[free]
+            jumps = free & (far > PURSUIT_DEG_S * self._step_s)
+            self._saccade_s[jumps] = SACCADE_S + SACCADE_S_PER_DEG * far[jumps]
+            share = np.minimum(1.0, self._step_s / np.maximum(self._saccade_s, 1e-9))
+            self.gaze_deg += share[:, None] * (self._goal_deg - self.gaze_deg)
+            self._saccade_s[...] = np.maximum(self._saccade_s - self._step_s, 0.0)
+            self.blind[...] = self._saccade_s > 0.0
         return given[:, : self._body]
 
     def remember(self, actions: ArrayLike) -> None:
@@ -90,7 +115,8 @@ class Actions(RowState):
         """Release all inputs, center the gaze and clear the stored actions of these users."""
         self.last[ids] = 0.0
         self.input_values[ids] = 0.0
-        self.gaze_deg[ids] = 0.0
+        self.gaze_deg[ids] = self._goal_deg[ids] = 0.0
+        self._saccade_s[ids], self.blind[ids] = 0.0, False
 
     def finger_use(self) -> FloatArray:
         """(N,) how far all inputs together are held from rest."""
@@ -114,3 +140,9 @@ class Actions(RowState):
             row = rows.setdefault(key, np.zeros((len(ids), frames, INPUT_COUNT)))
             row[:, :, one.column] = self.input_values[ids, k, None]
         return rows
+
+
+def gaze_slopes(gaze_deg: NDArray[Any]) -> NDArray[Any]:
+    """Return (K, 2) where gazes (K, 2), degrees right and up, meet a plane 1 m ahead, m."""
+    right, up = np.radians(gaze_deg).T
+    return np.stack([np.tan(right), np.tan(up) / np.cos(right)], 1)

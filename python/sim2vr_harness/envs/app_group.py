@@ -76,6 +76,13 @@ class AppGroup(Protocol):
     """(N,) 1 where the game says that the round is over."""
     time_feature: NDArray[np.float32]
     """(N,) where in the round the game is, as it says itself."""
+    gaze: NDArray[np.float32]
+    """(N, 2) middles of the pictures around the gaze, right and up, m at a depth of 1 m; the
+    caller's to write before each call."""
+    fovea: NDArray[np.uint8]
+    """(N, h, w, 4) these pictures, RGBA; none without ``vision.fovea``."""
+    fovea_depth: NDArray[np.float32]
+    """(N, h, w) their depths, m."""
     pictures: NDArray[np.uint8]
     """(N, C, H, W) the channels of the headset images that the users see; with two eyes the left
     one's first. None where the user has no sight."""
@@ -243,7 +250,12 @@ class ClientGroup:
         self.time_feature = np.zeros(n, dtype=np.float32)
         vision = config.vision
         channels = vision.eyes * len(self._channels)
-        self.pictures = np.zeros((n, channels, *reversed(vision.drawn)), np.uint8)
+        self.pictures = np.zeros((n, channels, vision.height, vision.width), np.uint8)
+        eye = vision.fovea
+        size = (0, 0) if eye is None else (eye.height, eye.width)
+        self.gaze = np.zeros((n, 2), np.float32)
+        self.fovea = np.zeros((n, *size, 4), np.uint8)
+        self.fovea_depth = np.zeros((n, *size), np.float32)
         self.haptics: dict[int, tuple[HapticPulse, ...]] = {}
         self.sounds: dict[int, tuple[SoundEvent, ...]] = {}
         self._logs: list[Mapping[str, float]] = [{} for _ in range(n)]
@@ -285,6 +297,7 @@ class ClientGroup:
                 if i in self.failed:
                     self.apps[i] = self._make_app(self._config, i, self._log_dir)
                     del self.failed[i]
+                self.apps[i].gaze = self.gaze[i]
                 return ask(self.apps[i], {**self._options[i], **(options or {})})
         raise AppDied(
             f"user {i}: {RESET_ATTEMPTS} apps in a row failed at the start of a round; the last "
@@ -307,6 +320,7 @@ class ClientGroup:
                 continue
             with self._noting_failure(i, int(steps[k])):
                 ending = bool(steps[k] >= last)
+                self.apps[i].gaze = self.gaze[i]
                 self.apps[i].start_step(times_ns[k], poses[k], last=ending, drawn=frames[k])
         answered = []
         for k, i in enumerate(users):
@@ -322,6 +336,8 @@ class ClientGroup:
         self.time_feature[i] = reply.time_feature
         if self._channels:
             self.pictures[i] = pick_channels(self.apps[i].image, self._channels)
+        if self.fovea.size:
+            self.fovea[i], self.fovea_depth[i] = self.apps[i].fovea
         self._logs[i] = reply.log
         left = (self.left, reply.left)
         for events, new in (left, (self.haptics, reply.haptics), (self.sounds, reply.sounds)):
@@ -391,7 +407,8 @@ class MirroredGroup:
         self.pictures: NDArray[np.uint8] = group.pictures.copy()
         # Lists, dictionaries and arrays that the group changes in place.
         self.apps, self.failed, self.failures = group.apps, group.failed, group.failures
-        self.left = group.left
+        self.left, self.gaze = group.left, group.gaze
+        self.fovea, self.fovea_depth = group.fovea, group.fovea_depth
         self.reward, self.finished = group.reward, group.finished
         self.time_feature = group.time_feature
         self._haptics: dict[int, tuple[HapticPulse, ...]] = {}

@@ -35,14 +35,16 @@ def apps_wanted(
         ipd_m: the users' pupil distance.
         task: task that judges the apps, if any.
     """
-    width, height = config.vision.drawn
+    vision = config.vision
+    eye = vision.fovea
     return AppsWanted(
         n=n,
         game=config.app.game,
         options=app_options(config.app.options),
-        width=width,
-        height=height,
-        eyes=config.vision.eyes,
+        width=vision.width,
+        height=vision.height,
+        eyes=vision.eyes,
+        fovea=(0, 0, 0.0) if eye is None else (eye.width, eye.height, vision.fovea_pixel_m),
         ipd_m=ipd_m,
         depth="depth" in config.vision.channels,
         renderer=config.app.renderer,
@@ -82,6 +84,7 @@ def app_factory(config: EnvConfig, n: int, ipd_m: float = IPD_M) -> AppFactory:
     """
     transport = transport_named(config.app.transport)
     _require(transport, "two_eyes", config.vision.eyes == 2, "vision.eyes: got 2")
+    _require(transport, "fovea", config.vision.fovea is not None, "vision.fovea: got one")
     _require(
         transport,
         "inputs",

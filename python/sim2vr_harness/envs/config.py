@@ -38,7 +38,7 @@ __all__ = [
     "AppConfig",
     "EffortConfig",
     "EnvConfig",
-    "FoveationConfig",
+    "FoveaConfig",
     "NoiseConfig",
     "SenseConfig",
     "UserConfig",
@@ -197,20 +197,23 @@ def people_of(config: UserConfig) -> Population | None:
     return None if config.people is None else Population(config.people, config.person)
 
 
-class FoveationConfig(Settings):
-    """Resolution that falls with the angle from where the eyes look (docs/reference/senses.md)."""
+class FoveaConfig(Settings):
+    """A second, narrow picture around the gaze, in more detail (docs/reference/senses.md).
 
+    The defaults are a window of 17 degrees; at arm's length, 0.7 m, a pixel is 3 mm wide.
+    """
+
+    width: int = Field(default=72, ge=8, le=1024)
+    """Width, pixels."""
+    height: int = Field(default=72, ge=8, le=1024)
+    """Height, pixels."""
+    magnification: float = Field(default=6.0, ge=1.0, le=100.0)
+    """Pixels of the headset image, on a plane across the view, per pixel of this one."""
     gaze: Literal["ahead", "moves"] = "ahead"
     """``moves``: two more actions, the last ones, direct it: right and up."""
-    gaze_range_deg: float = Field(default=45.0, ge=0.1, le=90.0)
+    gaze_range_deg: float = Field(default=45.0, ge=0.1, le=55.0)
     """Rotation of the eyes from straight ahead, to every side, for an action of 1; people's turn by
     40 to 55 degrees (Guitton and Volle 1987)."""
-    e2_deg: float = Field(default=2.3, ge=0.01, le=180.0)
-    """Eccentricity at which the smallest detail is twice the fovea's."""
-    detail_deg: float | None = Field(default=None, ge=1e-4, le=90.0)
-    """Smallest detail at the fovea; None: a pixel in the picture's middle. A person's is 1/60."""
-    vertical_fov_deg: float = Field(default=90.0, ge=1.0, le=179.0)
-    """Full vertical angle of the app's headset picture."""
 
 
 class VisionConfig(Settings):
@@ -224,17 +227,15 @@ class VisionConfig(Settings):
     """Channels of the observed image."""
     eyes: Literal[1, 2] = 1
     """2: a picture for each eye; the channels of the left one come first."""
-    foveation: FoveationConfig | None = None
-    """Off by default: sharp all over."""
-    zoom: Literal[1, 3, 5] = 1
-    """Factor by which the images that apps draw are wider and higher. The sense ``vision`` samples
-    every ``zoom``-th pixel, which gives the same image as without zoom (except for single pixels at
-    edges); the sense ``fovea`` has every pixel of the middle, as many pixels as ``vision``."""
+    fovea: FoveaConfig | None = None
+    """Off by default. The senses ``fovea`` and ``fovea_depth`` observe it. ``train --people`` sets
+    it where the app can draw it."""
 
     @property
-    def drawn(self) -> tuple[int, int]:
-        """Width and height of the picture that apps draw."""
-        return self.zoom * self.width, self.zoom * self.height
+    def fovea_pixel_m(self) -> float:
+        """Width of a pixel of the fovea at a depth of 1 m."""
+        assert self.fovea is not None
+        return 2.0 / (self.height * self.fovea.magnification)
 
 
 DEFAULT_SENSES = tuple(SenseConfig(sense=name) for name in ("vision", "proprioception", "time"))
@@ -401,7 +402,13 @@ class EnvConfig(Settings):
     @property
     def gaze_moves(self) -> bool:
         """Return whether two of the actions direct the gaze."""
-        return self.vision.foveation is not None and self.vision.foveation.gaze == "moves"
+        return self.gaze_range_deg > 0.0
+
+    @property
+    def gaze_range_deg(self) -> float:
+        """Return the rotation range of the eyes, degrees; 0: they do not move."""
+        eyes = self.vision.fovea
+        return 0.0 if eyes is None or eyes.gaze == "ahead" else eyes.gaze_range_deg
 
 
 def with_options(config: EnvConfig, options: Mapping[str, OptionValue]) -> EnvConfig:

@@ -268,7 +268,7 @@ class ResolvedEnv:
             "action": "change of activation, -1 to 1",
             "action_frequency_hz": config.action_frequency_hz,
             "frames_per_step": config.frames_per_step,
-            "image": list(config.vision.drawn),
+            "image": [config.vision.width, config.vision.height],
             "channels": list(config.vision.channels),
             "buffer_s": list(buffer_s) if isinstance(buffer_s, tuple) else buffer_s,
             "observation": {

@@ -12,7 +12,6 @@ from sim2vr_harness.envs.actions import Actions
 from sim2vr_harness.envs.app_group import AppGroup
 from sim2vr_harness.envs.config import EnvConfig, people_of
 from sim2vr_harness.perception import (
-    Foveation,
     OwnDelays,
     Perception,
     Proprioception,
@@ -37,13 +36,8 @@ def make_actions(config: EnvConfig, n: int, body: Body) -> Actions:
                 f"user.inputs: got {name!r}, expected inputs of what the body wears: "
                 f"{', '.join(body.devices)}"
             )
-    return Actions(n, body.action_names, config.user.inputs, _gaze_range_deg(config))
-
-
-def _gaze_range_deg(config: EnvConfig) -> float:
-    """Return the rotation range of the eyes, degrees; 0: the eyes do not move."""
-    fovea = config.vision.foveation
-    return 0.0 if fovea is None or not config.gaze_moves else fovea.gaze_range_deg
+    step_s = 1.0 / config.action_frequency_hz
+    return Actions(n, body.action_names, config.user.inputs, config.gaze_range_deg, step_s)
 
 
 def make_perception(
@@ -66,16 +60,7 @@ def make_perception(
     Raises:
         ValueError: a setting that cannot be used; names it, the given and the expected value.
     """
-    vision, fovea = config.vision, config.vision.foveation
-    foveation = None
-    if fovea is not None:
-        foveation = Foveation(
-            vision.height,
-            vision.width,
-            vertical_fov_deg=fovea.vertical_fov_deg,
-            e2_deg=fovea.e2_deg,
-            detail_deg=fovea.detail_deg,
-        )
+    vision = config.vision
     around = Surroundings(
         n=n,
         proprioception=proprioception,
@@ -86,10 +71,9 @@ def make_perception(
         eyes=vision.eyes,
         height=vision.height,
         width=vision.width,
-        zoom=vision.zoom,
-        foveation=foveation,
+        fovea=None if vision.fovea is None else (vision.fovea.height, vision.fovea.width),
         inputs=config.user.inputs,
-        gaze_range_deg=_gaze_range_deg(config),
+        gaze_range_deg=config.gaze_range_deg,
         actions=actions,
         head_moves=config.user.head == "reflex",
         person_delays=_person_delays(config, n, who),
@@ -133,6 +117,9 @@ class Senses:
         self._moment = StepContext(
             users=users,
             pictures=group.pictures,
+            fovea=group.fovea,
+            fovea_depth=group.fovea_depth,
+            blind=actions.blind,
             time_feature=np.zeros(users.n, dtype=np.float32),
             head_poses=lambda: pose_to_app(*users.device_poses("headset")),
             replied_s=np.zeros(users.n),

@@ -26,7 +26,7 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.client.devices import input_named
 from sim2vr_harness.client.frames import pose_to_app
-from sim2vr_harness.envs.actions import Actions
+from sim2vr_harness.envs.actions import Actions, gaze_slopes
 from sim2vr_harness.envs.app_group import AppFailure, AppGroup, Logs, MirroredGroup, app_group
 from sim2vr_harness.envs.apps import AppFactory
 from sim2vr_harness.envs.checks import (
@@ -330,10 +330,11 @@ class Simulation:
             self.users.turn_head(users, requests)  # type: ignore[arg-type]
         if self._mirrored is not None:
             self._mirrored.mirror(users, self._left_handers()[users])
+        self.actions.reset(users)
+        self._apps.look(users)
         self._group.reset(users, numbers, self._apps.poses(users, -1), options)
         self._steps[users] = 0
         self._over[users] = False
-        self.actions.reset(users)
         self._senses.reset(users, numbers)
         logs, started = self._group.logs(), zip(rows, round_seeds, strict=True)
         return [{"seed": seed, "log": logs[i], **self._who(i)} for i, seed in started]
@@ -347,6 +348,12 @@ class Simulation:
         people, option = self.people, self._hand_option
         if people is None or not people.settings.left_handed:
             return None
+        if self.config.vision.fovea is not None:
+            group.close()
+            raise ValueError(
+                f"people.left_handed: got {people.settings.left_handed:g} with vision.fovea, "
+                "expected 0: gazes are not mirrored"
+            )
         if option is None:
             group.close()
             raise ValueError(
@@ -642,7 +649,13 @@ class AppSteps:
         numbers = ((steps - 1) * frames + 1)[:, None] + np.arange(frames)
         times_ns = frame_times_ns(numbers, self._config.action_frequency_hz * frames)
         poses = self.step_poses(ids)
+        self.look(ids)
         return self._group.step(ids, times_ns, poses, steps, self._max_steps, drawn=drawn)
+
+    def look(self, ids: IntArray) -> None:
+        """Direct the pictures around the gaze of these users, where they have any."""
+        if self._actions.gaze_deg.size and self._group.fovea.size:
+            self._group.gaze[ids] = gaze_slopes(self._actions.gaze_deg[ids])
 
     def poses(self, ids: IntArray, sample: int) -> DevicePoses:
         """Return the poses of these users' devices, (K, 7); see :meth:`UserBatch.device_poses`."""

@@ -3,7 +3,6 @@
 :data:`SENSES` and :data:`WRAPPERS` list them (``docs/reference/senses.md``).
 """
 
-from sim2vr_harness.perception.foveation import Foveation
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.perception.registry import (
     SENSES,
@@ -24,7 +23,6 @@ __all__ = [
     "SENSES",
     "WRAPPERS",
     "Delayed",
-    "Foveation",
     "History",
     "Noisy",
     "OwnDelays",

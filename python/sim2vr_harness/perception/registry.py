@@ -12,7 +12,6 @@ from pydantic import Field, field_validator
 from sim2vr_harness.base.errors import unknown_name
 from sim2vr_harness.base.settings import Settings, Weight
 from sim2vr_harness.perception.events import Haptics, Hearing
-from sim2vr_harness.perception.foveation import Foveation
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.perception.sense import (
     IntArray,
@@ -42,8 +41,7 @@ class Surroundings:
         eyes: 1 or 2.
         height: height of the images, pixels.
         width: width of the images, pixels.
-        foveation: decrease of the resolution with the angle from the gaze, or None.
-        zoom: factor on width and height of the rendered images.
+        fovea: height and width of the pictures around the gaze, pixels; None: there are none.
         inputs: names of the inputs that the fingers operate, in the order of the actions.
         gaze_range_deg: largest angle of the eyes from straight ahead; 0: fixed eyes.
         actions: number of actions per user step.
@@ -61,13 +59,17 @@ class Surroundings:
     eyes: int
     height: int
     width: int
-    foveation: Foveation | None = None
-    zoom: int = 1
+    fovea: tuple[int, int] | None = None
     inputs: tuple[str, ...] = ()
     gaze_range_deg: float = 0.0
     actions: int = 0
     head_moves: bool = False
     person_delays: Mapping[str, OwnDelays] = field(default_factory=dict)
+
+    @property
+    def frame_grid(self) -> int:
+        """Physics steps between app frames."""
+        return self.substeps // self.frames_per_step
 
     @property
     def step_seconds(self) -> float:
@@ -86,10 +88,10 @@ class SenseConfig(Settings):
     """A sense of the user with its delay, noise and stacking (docs/reference/senses.md)."""
 
     sense: str
-    """Kind of sense: vision, fovea, proprioception, time, haptics, sound, fingers, gaze, actions,
-    head or person."""
+    """Kind of sense: vision, fovea, fovea_depth, proprioception, time, haptics, sound, fingers,
+    gaze, actions, head or person."""
     name: str | None = Field(default=None, min_length=1)
-    """Its key in the observation; None: vision, fovea, proprioception, stateful_information
+    """Its key in the observation; None: that of the kind, or stateful_information
     (time), haptics, sound, fingers, gaze, actions, head, person."""
     delay_ms: DelayMs | Literal["person"] = 0.0
     """Observation delay, a multiple of the physics step. Images exist for app frames only: the
@@ -138,23 +140,15 @@ class SenseKind:
 
 
 def _vision(name: str, around: Surroundings) -> Sense:
-    return vision(name, around.n, **_pictures(around), foveation=around.foveation)
-
-
-def _fovea(name: str, around: Surroundings) -> Sense:
-    return fovea(name, around.n, **_pictures(around))
-
-
-def _pictures(around: Surroundings) -> dict[str, Any]:
-    """Return the arguments of image senses."""
-    return {
-        "channels": around.channels,
-        "eyes": around.eyes,
-        "height": around.height,
-        "width": around.width,
-        "frame_grid": around.substeps // around.frames_per_step,
-        "zoom": around.zoom,
-    }
+    return vision(
+        name,
+        around.n,
+        channels=around.channels,
+        eyes=around.eyes,
+        height=around.height,
+        width=around.width,
+        frame_grid=around.frame_grid,
+    )
 
 
 def _proprioception(name: str, around: Surroundings) -> Sense:
@@ -196,12 +190,25 @@ _SEEN, _FELT = "visual_delay_s", "proprioceptive_delay_s"
 
 _FLOAT_MAX = float(np.finfo(np.float32).max)
 _FINGERS = "inputs", "'fingers', expected user.inputs for them to work"
-_GAZE = "gaze_range_deg", "'gaze', expected vision.foveation with gaze: moves"
+_GAZE = "gaze_range_deg", "'gaze', expected vision.fovea with gaze: moves"
 _HEAD = "head_moves", "'head', expected user.head: reflex for it to move"
 
 SENSES: dict[str, SenseKind] = {
     "vision": SenseKind("vision", "the headset's picture", _vision, _SEEN),
-    "fovea": SenseKind("fovea", "the middle of the picture, in detail", _fovea, _SEEN),
+    "fovea": SenseKind(
+        "fovea",
+        "the picture around the gaze, in detail",
+        lambda name, around: fovea(
+            name, around.n, around.channels, around.fovea, around.frame_grid
+        ),
+        _SEEN,
+    ),
+    "fovea_depth": SenseKind(
+        "fovea_depth",
+        "its depth in metres",
+        lambda name, around: fovea(name, around.n, None, around.fovea, around.frame_grid),
+        _SEEN,
+    ),
     "proprioception": SenseKind("proprioception", "the own body", _proprioception, _FELT),
     "time": SenseKind(
         "stateful_information",

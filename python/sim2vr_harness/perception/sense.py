@@ -69,6 +69,9 @@ class StepContext:
         head_poses: returns (N, 7) poses of the heads, app frame.
         inputs: (N, F) values of the inputs that the fingers operate.
         gaze_deg: (N, 2) direction of gaze in the head, degrees right and up.
+        fovea: (N, h, w, 4) uint8, the pictures around the gaze, and their
+        fovea_depth: (N, h, w) depths, m.
+        blind: (N,) True during a saccade.
         actions: (N, A) the last user step's actions in [-1, 1], 0 after a reset.
     """
 
@@ -81,6 +84,11 @@ class StepContext:
     replied_s: FloatArray = field(default_factory=lambda: np.zeros(0))
     inputs: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     gaze_deg: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    fovea: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0, 0, 4), np.uint8))
+    fovea_depth: NDArray[np.float32] = field(
+        default_factory=lambda: np.zeros((0, 0, 0), np.float32)
+    )
+    blind: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     actions: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
 

@@ -7,7 +7,6 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from sim2vr_harness.perception.foveation import Foveation
 from sim2vr_harness.perception.sense import IntArray, Sensed, StepContext, rows_of
 
 CHANNELS: tuple[str, ...] = ("red", "green", "blue", "depth")
@@ -26,8 +25,6 @@ def vision(
     height: int,
     width: int,
     frame_grid: int,
-    foveation: Foveation | None = None,
-    zoom: int = 1,
 ) -> Sensed:
     """The sense of N headset pictures.
 
@@ -44,9 +41,6 @@ def vision(
         height: of the pictures, pixels.
         width: of the pictures, pixels.
         frame_grid: physics steps between app frames.
-        foveation: how the resolution falls towards the edge; None: it does not.
-        zoom: odd; of pictures drawn so many times as wide and as high, every so many pixels: those
-            whose rays are the ones of a picture of ``height`` x ``width``.
 
     Raises:
         ValueError: unknown or repeated channels.
@@ -54,55 +48,46 @@ def vision(
     channel_indices(channels)
 
     def look(moment: StepContext, ids: IntArray | None) -> UInt8Array:
-        pictures = moment.pictures[rows_of(ids)][..., zoom // 2 :: zoom, zoom // 2 :: zoom]
-        if foveation is None:
-            return pictures
-        gaze = moment.gaze_deg[rows_of(ids)] if moment.gaze_deg.size else None
-        return foveation.look(pictures, gaze)
+        return moment.pictures[rows_of(ids)]
 
-    return _pictures(name, n, look, (eyes * len(channels), height, width), eyes, frame_grid)
+    space: spaces.Box[Any] = spaces.Box(0, 255, (eyes * len(channels), height, width), np.uint8)
+    needs = "two_eyes" if eyes == 2 else None
+    return Sensed(name, space, n, look, frame_grid=frame_grid, needs=needs)
 
 
 def fovea(
     name: str,
     n: int,
-    *,
-    channels: Sequence[str],
-    eyes: int,
-    height: int,
-    width: int,
+    channels: Sequence[str] | None,
+    size: tuple[int, int] | None,
     frame_grid: int,
-    zoom: int,
 ) -> Sensed:
-    """The middle of N headset pictures, at ``zoom`` times the detail of :func:`vision`.
-
-    People see sharply where they look, and look where things come from: 120 x 80 pixels over 90
-    degrees are 1.4 degrees a pixel in the middle.
+    """Return the sense of N pictures around the gaze; in a saccade nothing is seen.
 
     Args:
-        name, n, channels, eyes, height, width, frame_grid: as of :func:`vision`.
-        zoom: how many times as wide and as high the drawn pictures are.
+        name, n, frame_grid: as of :func:`vision`.
+        channels: as of :func:`vision`, 0 in a saccade; None: the depths alone, metres, float32, 0
+            where nothing is seen.
+        size: height and width, pixels.
 
     Raises:
-        ValueError: nothing is drawn larger than it is seen.
+        ValueError: none is drawn.
     """
-    if zoom == 1:
-        raise ValueError("senses: got 'fovea', expected vision.zoom: 3 or 5 for more to be seen")
-    top, left = (zoom - 1) * height // 2, (zoom - 1) * width // 2
+    if size is None:
+        got = "fovea" if channels else "fovea_depth"
+        raise ValueError(f"senses: got {got!r}, expected vision.fovea for it to be drawn")
+    picked = channel_indices(channels) if channels else []
 
-    def look(moment: StepContext, ids: IntArray | None) -> UInt8Array:
-        pictures = moment.pictures[rows_of(ids)]
-        return pictures[..., top : top + height, left : left + width]
+    def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
+        rows = rows_of(ids)
+        seen = ~moment.blind[rows, None, None]
+        if channels is None:
+            return moment.fovea_depth[rows][:, None] * seen[:, None]
+        return np.moveaxis(moment.fovea[rows][..., picked] * seen[..., None], -1, 1)
 
-    return _pictures(name, n, look, (eyes * len(channels), height, width), eyes, frame_grid)
-
-
-def _pictures(
-    name: str, n: int, look: Any, shape: tuple[int, int, int], eyes: int, frame_grid: int
-) -> Sensed:
-    space: spaces.Box[Any] = spaces.Box(0, 255, shape, np.uint8)
-    needs = "two_eyes" if eyes == 2 else None
-    return Sensed(name, space, n, look, frame_grid=frame_grid, needs=needs)
+    high, kind = (255, np.uint8) if channels else (np.inf, np.float32)
+    space: spaces.Box[Any] = spaces.Box(0, high, (len(picked) or 1, *size), kind)
+    return Sensed(name, space, n, look, frame_grid=frame_grid, needs="fovea")
 
 
 def channel_indices(channels: Sequence[str]) -> list[int]:

@@ -29,8 +29,9 @@ def check_attention(recipe: str, env: EnvConfig) -> None:
         raise ValueError(
             f"policy.attention_crops: got {got}, expected the sense vision, not delayed"
         )
-    if "fovea" in senses and env.vision.zoom != FOVEA_ZOOM:
+    eye = env.vision.fovea
+    if "fovea" in senses and eye is not None and eye.magnification != FOVEA_ZOOM:
         raise ValueError(
-            f"env.vision.zoom: got {env.vision.zoom}, expected {FOVEA_ZOOM} with "
-            "policy.attention_crops and the sense fovea"
+            f"env.vision.fovea.magnification: got {eye.magnification:g}, expected {FOVEA_ZOOM} "
+            "with policy.attention_crops and the sense fovea"
         )

@@ -94,6 +94,8 @@ class QLearningConfig(Settings):
     """User steps over which that proportion falls."""
 
 
+LOSS_AVERSION = 2.25
+"""Weight of losses relative to gains (Tversky and Kahneman 1992)."""
 OptionName = Literal[
     "touch", "push", "swing", "press", "point", "hold", "grab", "turn", "walk", "button"
 ]
@@ -107,6 +109,9 @@ class SkillsConfig(Settings):
     completes each action that it has selected. ``person``: the same with the limits of people:
     vision is delayed, decisions take time, and the human motor policy of the body moves it; ``train
     GAME --people`` sets it."""
+    instruction: Literal["accurate", "balanced", "fast"] = "fast"
+    """What persons are asked to be. Outcomes below zero weigh :data:`LOSS_AVERSION` times as much
+    as gains; the same as gains for ``fast``, and by its square for ``accurate``."""
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""
@@ -125,6 +130,12 @@ class SkillsConfig(Settings):
     def people(self) -> bool:
         """Return whether virtual participants play, with the limits of people."""
         return self.user == "person"
+
+    @property
+    def loss_weight(self) -> float:
+        """Return the weight of outcomes below zero: 1 for users who are no persons."""
+        power = {"fast": 0, "balanced": 1, "accurate": 2}[self.instruction]
+        return LOSS_AVERSION**power if self.people else 1.0
 
     @field_validator("tool", mode="before")
     @classmethod

@@ -20,13 +20,14 @@ from sim2vr_harness.client import list_games
 WHACAMOLE_ID = "sim2vr/WhacAMole-v0"
 
 ALL_OPTIONS = envs.EnvConfig(
-    vision={"foveation": {"gaze": "moves"}},
+    vision={"fovea": {"gaze": "moves"}},
     frames_per_step=5,
     senses=[
         {"sense": "vision", "delay_ms": 30, "noise": 0.02, "history_s": 0.1},
         {"sense": "proprioception", "delay_ms": 30, "noise": 0.01},
         {"sense": "time"},
         {"sense": "gaze"},
+        {"sense": "fovea"},
     ],
 )
 

@@ -36,7 +36,7 @@ def acted(*fingers: float) -> np.ndarray:
 
 
 def test_analogue_inputs_follow_the_action_and_buttons_have_hysteresis() -> None:
-    hands = Actions(1, ("muscle",), INPUTS, 0.0)
+    hands = Actions(1, ("muscle",), INPUTS, 0.0, 0.05)
     assert hands.names == ("muscle", *INPUTS)
     assert hands.input_values.tolist() == [[0, 0, 0]]
     seen = []
@@ -53,7 +53,7 @@ def test_analogue_inputs_follow_the_action_and_buttons_have_hysteresis() -> None
 
 
 def test_actions_are_clipped_and_checked_before_anything_moves() -> None:
-    hands = Actions(2, ("muscle",), ("left.x",), 45.0)
+    hands = Actions(2, ("muscle",), ("left.x",), 45.0, 0.2)
     hands.take(np.array([[0, 9.0, 0.5, -9.0]] * 2))
     assert hands.input_values.tolist() == [[1], [1]]
     assert hands.gaze_deg.tolist() == [[22.5, -45.0]] * 2

@@ -223,13 +223,13 @@ def test_what_was_never_practised_is_said(trained: Path) -> None:
     # Other senses count, too.
     config = TrainingConfig(name="test")
     senses = [{"sense": "vision", "delay_ms": 100}, {"sense": "proprioception"}, {"sense": "time"}]
-    vision = {"foveation": {"gaze": "ahead"}}
+    vision = {"fovea": {"gaze": "ahead"}}
     env = EnvConfig.model_validate({"senses": senses, "vision": vision})
     own, resolved = ResolvedEnv(config.env), ResolvedEnv(env)
     assert unpractised(config, own, own, []) == []
     assert unpractised(config, own, resolved, []) == [
         "vision.delay_ms = 100.0 (trained: 0.0)",
-        "vision.foveation = yes",
+        "vision.fovea = yes",
     ]
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 from perception_fakes import SUBSTEPS, World
 
-from sim2vr_harness.perception import Foveation, channel_indices, pick_channels
-from sim2vr_harness.perception.vision import fovea, vision
+from sim2vr_harness.perception import channel_indices, pick_channels
+from sim2vr_harness.perception.vision import vision
 
 
 def test_channels_are_picked_in_order() -> None:
@@ -31,76 +31,3 @@ def test_what_is_seen_is_a_copy_of_the_newest_picture() -> None:
     assert [seen[0].max(), seen[1].min()] == [7, 9]
     assert not np.shares_memory(seen, world.moment.pictures)
     assert not np.shares_memory(seen, world.perception.observe()["vision"])
-
-
-def test_of_a_larger_picture_all_is_seen_coarsely_and_the_middle_in_detail() -> None:
-    """Drawn 3 x 2 by 3 x 4 pixels, each with its own number: row times 20, plus column."""
-    drawn = (20 * np.arange(6)[:, None] + np.arange(12)).astype(np.uint8)
-    sizes = {"channels": ("red",), "eyes": 1, "height": 2, "width": 4, "frame_grid": SUBSTEPS}
-    senses = (vision("vision", 1, **sizes, zoom=3), fovea("fovea", 1, **sizes, zoom=3))
-    world = World(1, *senses, pictures=(1, 6, 12))
-    world.moment.pictures[:] = drawn
-    world.reset([0])
-    world.moment.pictures[:] = drawn
-    world.perception.take(world.moment, None)
-    seen = world.perception.observe()
-    assert seen["vision"][0, 0].tolist() == [[21, 24, 27, 30], [81, 84, 87, 90]]
-    assert seen["fovea"][0, 0].tolist() == [[44, 45, 46, 47], [64, 65, 66, 67]]
-
-
-def test_the_smallest_detail_grows_with_the_eccentricity() -> None:
-    # 8 x 8 pixels of 90 degrees: f = 4 pixels, a pixel in the middle is atan(1/4) = 14.04 deg.
-    # Pixel (3, 7) is 3.5 right, 0.5 up of the middle: e = atan(sqrt(12.5) / 4) = 41.47 deg, and
-    # its own size is cos(e)^1.5 / 4 rad = 9.29 deg. With E2 = 30 deg the detail there is
-    # 14.04 (1 + 41.47 / 30) = 33.4 deg = 3.60 pixels: blocks of 2. With E2 = 20 deg it is 4.64
-    # pixels: blocks of 4.
-    for e2_deg, level in ((30.0, 1), (20.0, 2)):
-        levels = Foveation(8, 8, e2_deg=e2_deg).levels(np.array([[0.0, 0.0]]))[0]
-        assert levels[3, 7] == level
-        assert levels[3:5, 3:5].max() == 0  # e = 10 deg: 1.3 to 1.5 details in 1.03 pixels
-        np.testing.assert_array_equal(levels, levels[::-1])
-        np.testing.assert_array_equal(levels, levels.T)
-    assert Foveation(8, 8, detail_deg=1e-3).levels(np.array([[0.0, 0.0]])).max() == 0
-
-
-def test_a_pixel_shows_the_mean_of_its_block() -> None:
-    fovea = Foveation(8, 8, e2_deg=30.0)
-    level = fovea.levels(np.array([[0.0, 0.0]]))[0]
-    picture = np.arange(64, dtype=np.uint8).reshape(1, 1, 8, 8)
-    seen = fovea.look(picture)[0, 0]
-    np.testing.assert_array_equal(seen[level == 0], picture[0, 0][level == 0])
-    # Rows 2 and 3, columns 6 and 7: 22, 23, 30, 31, a mean of 26.5, rounded up.
-    assert level[3, 7] == 1
-    assert seen[3, 7] == 27
-    corner = level[0, 0]
-    block = picture[0, 0, : 2**corner, : 2**corner]
-    assert seen[0, 0] == int(block.mean() + 0.5)
-
-
-def test_blocks_at_an_odd_edge_have_fewer_pixels() -> None:
-    fovea = Foveation(5, 7, detail_deg=180.0)  # blocks of 4, the largest, everywhere
-    picture = np.zeros((1, 1, 5, 7), np.uint8)
-    picture[..., 4, 6] = 90
-    picture[..., 0, 0] = 160
-    seen = fovea.look(picture)[0, 0]
-    assert fovea.levels(np.array([[0.0, 0.0]])).min() == 2
-    assert seen[:4, :4].tolist() == [[10] * 4] * 4  # 160 / 16
-    assert seen[4, 4:].tolist() == [30] * 3  # 90 / 3
-    assert (seen[4, :4].max(), seen[:4, 4:].max()) == (0, 0)
-
-
-def test_the_gaze_takes_the_sharp_place_along() -> None:
-    fovea = Foveation(80, 120)
-    gazes = np.array([[0.0, 0.0], [30.0, 20.0], [-30.0, -20.0]])
-    levels = fovea.levels(gazes)
-    sharp = [np.argwhere(level == 0).mean(axis=0) for level in levels]
-    # 40 pixels per unit of tangent: 40 tan 30 = 23.1 right, 40 tan 20 / cos 30 = 16.8 up.
-    np.testing.assert_allclose(sharp[0], [39.5, 59.5], atol=0.01)
-    np.testing.assert_allclose(sharp[1], [39.5 - 16.8, 59.5 + 23.1], atol=0.6)
-    np.testing.assert_allclose(sharp[2], [39.5 + 16.8, 59.5 - 23.1], atol=0.6)
-    pictures = np.random.default_rng(1).integers(0, 256, (3, 2, 80, 120), dtype=np.uint8)
-    together = fovea.look(pictures, gazes)
-    np.testing.assert_array_equal(together[0], fovea.look(pictures[:1])[0])
-    for k in range(3):  # alone or beside others: the same bits
-        alone = fovea.look(pictures[k : k + 1], gazes[k : k + 1])
-        np.testing.assert_array_equal(together[k], alone[0])

@@ -73,7 +73,7 @@ def test_places_are_seen_as_the_head_is_turned() -> None:
     ("changes", "field", "got"),
     [
         (["recipe=skills"], "policy.attention_crops", "some with recipe 'skills'"),
-        (["env.vision.zoom=5"], "env.vision.zoom", "5"),
+        (["env.vision.fovea.magnification=5"], "env.vision.fovea.magnification", "5"),
         (["policy.attention_crops.count=0"], "policy.attention_crops.count", "0"),
     ],
 )

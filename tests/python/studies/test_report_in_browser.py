@@ -45,7 +45,8 @@ def test_every_figure_is_drawn_and_nothing_is_cut_off(strange_folder: Path) -> N
         assert page.value(hidden) == 0
 
 
-def test_a_page_on_paper_has_stills_and_no_plots(report: Path) -> None:
+def test_a_page_on_paper_has_stills_and_no_plots(strange_folder: Path) -> None:
+    report = write_report(strange_folder, stills=False).page
     seen = "JSON.stringify(['.still', '.plot', 'nav', 'figure'].map(kind => [...document"
     seen += ".querySelectorAll(kind)].filter(e => e.getBoundingClientRect().height > 0).length))"
     with Page() as page:

@@ -7,9 +7,10 @@ from sim2vr_harness.perception import SENSES, WRAPPERS
 from sim2vr_harness.runs.config import TrainingConfig
 
 _NEEDS: dict[str, dict[str, Any]] = {
-    "fovea": {"vision": {"zoom": 3}},
+    "fovea": {"vision": {"fovea": {}}},
+    "fovea_depth": {"vision": {"fovea": {}}},
     "fingers": {"user": {"inputs": ["right.trigger"]}},
-    "gaze": {"vision": {"foveation": {"gaze": "moves"}}},
+    "gaze": {"vision": {"fovea": {"gaze": "moves"}}},
     "head": {"user": {"head": "reflex"}},
 }
 """What else must be there for a sense to have something to sense."""
@@ -17,7 +18,7 @@ _NEEDS: dict[str, dict[str, Any]] = {
 _WRAPPED = {"delay_ms": 100.0, "noise": 0.05, "history_s": 0.2, "stack_s": 0.2}
 """What is done to the picture, the largest of the senses."""
 
-_PICTURES: dict[str, dict[str, Any]] = {"eyes=2": {"eyes": 2}, "foveation": {"foveation": {}}}
+_PICTURES: dict[str, dict[str, Any]] = {"eyes=2": {"eyes": 2}}
 
 
 def sense_variants(config: TrainingConfig) -> list[tuple[str, TrainingConfig]]:

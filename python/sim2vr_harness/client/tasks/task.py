@@ -12,6 +12,7 @@ from sim2vr_harness.client.base import (
     AppClient,
     AppReply,
     AppValue,
+    Float32Array,
     Float64Array,
     Int64Array,
     OptionValue,
@@ -221,6 +222,10 @@ class TaskedApp(AppClient):
     def image(self) -> UInt8Array:
         return self.app.image
 
+    @property
+    def fovea(self) -> tuple[UInt8Array, Float32Array]:
+        return self.app.fovea
+
     def record(self) -> None:
         """Keep every moment from now on in :attr:`moments`, with copies of the pictures."""
         self.moments = []
@@ -235,6 +240,7 @@ class TaskedApp(AppClient):
         *,
         time_ns: int = 0,
     ) -> AppReply:
+        self.app.gaze = self.gaze
         reply = self.app.reset(seed, poses, options, time_ns=time_ns)
         self._time_s, self._start_s = 0.0, time_ns * 1e-9
         moment = self._moment(reply, poses, self._start_s)
@@ -248,6 +254,7 @@ class TaskedApp(AppClient):
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
     ) -> None:
+        self.app.gaze = self.gaze
         self.app.start_step(times_ns, poses, drawn, last=last)
         self._times_ns, self._poses = np.asarray(times_ns), poses
 

@@ -93,7 +93,7 @@ class StepReply(Reply):
     picture: Annotated[bytes | None, BeforeValidator(_bytes)]
     """Of the drawn frame; None: none was drawn."""
     observed: Annotated[tuple[PNG, ...], Field(max_length=4)] = ()
-    """Of the drawn frame's observers; below the colours is the depth, if it is asked for."""
+    """Of the drawn frame's observers; below the colours is the depth, if it is requested."""
 
 
 class DoorReply(Reply):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
-from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
+from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, Fovea
 from sim2vr_harness.policies.hierarchical.options import PLAIN, OptionSet
 from sim2vr_harness.policies.hierarchical.primitives import (
     OptionChoice,
@@ -54,6 +54,7 @@ class OptionScene:
         turned: (N, 3, 3) rotations of the heads at that time.
         tips: (N, H, 3) positions of the tips, m.
         velocities: (N, H, 3) velocities of the tips, m/s.
+        fovea: pictures around the gazes; None: users have none.
     """
 
     sight: DepthGrid
@@ -62,6 +63,7 @@ class OptionScene:
     turned: Tensor
     tips: Tensor
     velocities: Tensor
+    fovea: Fovea | None = None
 
     @cached_property
     def places(self) -> Tensor:
@@ -80,11 +82,11 @@ class OptionScene:
     def aims(self, choice: OptionChoice, chosen: NDArray[np.int64]) -> Aims:
         """Return where the things are that are seen in the cells of choices, and how wide.
 
-        A cell is larger than many a thing: 4 cm wide at arm's length. What the user's own tool
+        A cell is larger than many a thing: 7 cm wide at arm's length. What the user's own tool
         hides is where it was before.
         """
         cells = torch.from_numpy(chosen) % self.sight.cells
-        aims = self.sight.things(self.pictures, cells, self.head, self.turned)
+        aims = self.sight.things(self.pictures, cells, self.head, self.turned, self.fovea)
         return remembered(choice, aims, self.head, self.tips)
 
 

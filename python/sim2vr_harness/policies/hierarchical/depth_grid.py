@@ -1,11 +1,15 @@
 """Geometry of the image cells: the headset's depth image as positions in the world."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import ndimage
 from torch import Tensor
 from torch.nn import functional
 
@@ -21,14 +25,36 @@ _MIDDLE_FIRST = torch.tensor([5, 6, 9, 10, 1, 2, 4, 7, 8, 11, 13, 14, 0, 3, 12, 
 """Pixels of a cell, by their distance from its middle."""
 _AROUND_PX = 4
 """Margin around a cell, in pixels, in which an object's outline is still traced."""
-_SAME_COLOUR, _SAME_DEPTH = 32, 3
-"""Differences, of 255, up to which neighbouring pixels show the same object."""
+_SAME_COLOUR, _SAME_DEPTH_M, _FINE_DEPTH_M = 32, 3.5 * FAR_M / 255.0, 0.05
+"""Differences up to which neighbouring pixels show the same object: of colours, of 255, and of
+depths, m, in the headset's picture, where they have steps of 4 cm, and in the fovea."""
+_BESIDE = np.array([np.zeros((3, 3)), np.ones((3, 3)), np.zeros((3, 3))])
+"""Neighbours of a pixel in a stack of pictures."""
+_POINTS, _FAR_OFF_M = 8, 0.999 * FAR_M
+"""Points per side of a cell that the fovea is searched at, and the depth of nothing there."""
 _SAME_HUE, _COLOURED, _SHADED = 0.25, 40, 0.45
 """Criteria for pixels of one shaded object: largest difference of hue (sixths of the circle), least
 chroma (largest minus smallest channel, of 255), and least brightness relative to the brighter
 pixel."""
-_CLEAR, _ENOUGH_PX = 128, 4
-"""Colour difference, and number of pixels in a cell, above which an object is not more salient."""
+_CLEAR, _ENOUGH = 128, 0.25
+"""Colour difference, and proportion of a cell, above which an object is not more salient."""
+
+
+@dataclass
+class Fovea:
+    """Pictures around the gazes of N users.
+
+    Attributes:
+        pixel_m: width of a pixel at a depth of 1 m.
+        pictures: (N, 3 or more, h, w) uint8 red, green, blue.
+        depth: (N, h, w) m, 0 during a saccade.
+        middle: (N, 2) where their middles meet a plane 1 m ahead, right and up, m.
+    """
+
+    pixel_m: float
+    pictures: Tensor
+    depth: Tensor
+    middle: Tensor
 
 
 class DepthGrid:
@@ -73,32 +99,42 @@ class DepthGrid:
         return placed
 
     def things(
-        self, pictures: Tensor, cells: Tensor, head: Tensor, turned: Tensor
+        self,
+        pictures: Tensor,
+        cells: Tensor,
+        head: Tensor,
+        turned: Tensor,
+        fovea: Fovea | None = None,
     ) -> tuple[Tensor, Tensor]:
         """(N, H, 3) middles of what stands out in cells, world, and (N, H) its width, m.
 
         Of a cell's pixels those count whose colour is the least like what surrounds them. Pixels of
         that colour and depth that hang together with them are the thing. Its width is the diameter
-        of a disc with as many pixels.
+        of a disc with as many pixels. What the gaze is on is measured in the fovea.
 
         Args:
             pictures: (N, 4 or more, H, W) uint8: red, green, blue and depth, as in :meth:`places`.
             cells: (N, H) numbers of cells.
             head: (N, 3), and ``turned``: as in :meth:`places`.
             turned: (N, 3, 3).
+            fovea: pictures around the gaze that were drawn with these.
         """
         row0 = (cells // self.columns * CELL_PX).flatten()
         column0 = (cells % self.columns * CELL_PX).flatten()
-        windows = _windows(pictures[:, :4], cells.shape[1], row0, column0)
-        row, column, depth, pixels = _things(windows)
-        up = 0.5 * self.height - (row0 - _AROUND_PX + row + 0.5)
-        left = 0.5 * self.width - (column0 - _AROUND_PX + column + 0.5)
-        focal = 0.5 * self.height
-        ray = torch.stack([torch.ones_like(up), left / focal, up / focal], 1)
-        local = (ray * _metres(depth)[:, None]).reshape(*cells.shape, 3)
-        width = (2.0 * (pixels / torch.pi).sqrt() * _metres(depth) / focal).clamp(*WIDTHS_M)
+        windows, pixel_m = _windows(pictures[:, :4], cells.shape[1], row0, column0), 2 / self.height
+        depth = _metres(windows[:, 3]).masked_fill(windows[:, 3] >= _NOTHING, torch.inf)
+        own = _AROUND_PX + torch.stack([_MIDDLE_FIRST // CELL_PX, _MIDDLE_FIRST % CELL_PX])
+        inner = (own[0] * windows.shape[-1] + own[1]).expand(len(windows), -1)
+        # (K, 2) where the middles of cells meet a plane 1 m ahead, right and up.
+        right, up = column0 - 0.5 * (self.width - CELL_PX), 0.5 * (self.height - CELL_PX) - row0
+        middle = torch.stack([right, up], 1) * pixel_m
+        given = windows[:, :3], depth, middle, pixel_m, inner, _SAME_DEPTH_M
+        ahead, far, width, _ = _things(*given, torch.ones_like(inner, dtype=torch.bool))
+        if fovea is not None:
+            _measure(fovea, cells.shape[1], middle, CELL_PX * pixel_m, ahead, far, width)
+        local = (ahead * far.clamp(max=FAR_M)[:, None]).reshape(*cells.shape, 3)
         placed = torch.einsum("nij,nhj->nhi", turned, local) + head[:, None]
-        return placed, width.reshape(cells.shape)
+        return placed, width.clamp(*WIDTHS_M).reshape(cells.shape)
 
     def something(self, depth: Tensor) -> Tensor:
         """Return (N, cells) True for cells with a surface within ``FAR_M``.
@@ -144,44 +180,116 @@ def _windows(pictures: Tensor, hands: int, row0: Tensor, column0: Tensor) -> Ten
     return torch.where(within[..., None], own, nothing).permute(0, 3, 1, 2)
 
 
-def _salient(colour: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
-    """(K,) row and column of the pixel of a window's cell that stands out.
+def _salient(colour: Tensor, there: Tensor, inner: Tensor, valid: Tensor) -> Tensor:
+    """Return (K,) numbers of the pixels that stand out, of those in ``inner``.
 
     Args:
-        colour: (K, 3, W, W) of windows.
-        there: (K, W, W) whether anything is there.
+        colour: (K, 3, h, w) of windows.
+        there: (K, h, w) whether anything is there.
+        inner: (K, P) numbers of pixels.
+        valid: (K, P) False for those that are out of sight.
     """
     mean = (colour * there[:, None]).sum((2, 3)) / there.sum((1, 2)).clamp(min=1)[:, None]
     differs = (colour - mean[:, :, None, None]).abs().sum(1).masked_fill(~there, -1.0)
-    own, order = slice(_AROUND_PX, _AROUND_PX + CELL_PX), _MIDDLE_FIRST
-    inner = colour[:, :, own, own].flatten(2)[..., order]
-    alike = (inner[..., None] - inner[:, :, None]).abs().amax(1) <= _SAME_COLOUR
+    own = colour.flatten(2).gather(2, inner[:, None].expand(-1, 3, -1))
+    alike = (own[..., None] - own[:, :, None]).abs().amax(1) <= _SAME_COLOUR
     # A cursor on a thing is smaller. Of equal pixels the one next to the middle.
-    clear = differs[:, own, own].flatten(1)[:, order].clamp(max=_CLEAR)
-    much = (clear * alike.sum(2).clamp(max=_ENOUGH_PX)).round()
-    pixel = order[(much - 0.01 * torch.arange(len(order))).argmax(1)]
-    return _AROUND_PX + pixel // CELL_PX, _AROUND_PX + pixel % CELL_PX
+    enough = _ENOUGH * inner.shape[1]
+    clear = differs.flatten(1).gather(1, inner).masked_fill(~valid, -1.0).clamp(max=_CLEAR)
+    much = (clear * (alike & valid[:, None]).sum(2).clamp(max=enough)).round()
+    best = (much - 0.01 * torch.arange(inner.shape[1])).argmax(1)
+    return inner.gather(1, best[:, None])[:, 0]
 
 
-def _things(windows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """(K,) of what stands out in the cells of windows: middle (row, column, depth) and pixels."""
-    colour, depth, which = windows[:, :3], windows[:, 3], torch.arange(len(windows))
-    start = (which, *_salient(colour, depth < _NOTHING))
+def _measure(
+    fovea: Fovea,
+    hands: int,
+    cells: Tensor,
+    cell_m: float,
+    ahead: Tensor,
+    far: Tensor,
+    width: Tensor,
+) -> None:
+    """Put what the fovea shows of cells in the place of rays, depths and widths (K, ...).
+
+    Of a thing that the fovea does not show whole only the depth is taken.
+
+    Args:
+        cells: (K, 2) where their middles meet a plane 1 m ahead, m.
+        cell_m: their width there.
+    """
+    user = torch.arange(len(fovea.depth)).repeat_interleave(hands)
+    high, wide = fovea.depth.shape[1:]
+    line = ((torch.arange(_POINTS) + 0.5) / _POINTS - 0.5) * cell_m
+    points = torch.cartesian_prod(line, line)
+    points = cells[:, None] + points[points.square().sum(1).argsort()]
+    off = (points - fovea.middle[user, None]) / fovea.pixel_m
+    row, column = (
+        (0.5 * high - off[..., 1]).floor().long(),
+        (0.5 * wide + off[..., 0]).floor().long(),
+    )
+    inside = (row >= 0) & (row < high) & (column >= 0) & (column < wide)
+    depth = fovea.depth[user]
+    shows = (inside.float().mean(1) >= 0.5) & (depth > 0.0).flatten(1).any(1)
+    if not shows.any():
+        return
+    inner = row.clamp(0, high - 1) * wide + column.clamp(0, wide - 1)
+    depth = depth[shows].masked_fill(depth[shows] >= _FAR_OFF_M, torch.inf)
+    colour, middle = fovea.pictures[user[shows], :3].float(), fovea.middle[user[shows]]
+    given = colour, depth, middle, fovea.pixel_m, inner[shows], _FINE_DEPTH_M, inside[shows]
+    finer, deep, fine_m, whole = _things(*given)
+    found = deep.isfinite()
+    ahead[shows] = torch.where((found & whole)[:, None], finer, ahead[shows])
+    width[shows] = torch.where(found & whole, fine_m, width[shows])
+    far[shows] = torch.where(found, deep, far[shows])
+
+
+def _things(
+    colour: Tensor,
+    depth: Tensor,
+    middle: Tensor,
+    pixel_m: float,
+    inner: Tensor,
+    same_m: float,
+    valid: Tensor,
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """What stands out in windows: (K, 3) rays, (K,) depths and widths, m, and if seen as a whole.
+
+    Args:
+        colour: (K, 3, h, w), 0 to 255.
+        depth: (K, h, w) m, infinite where nothing is.
+        middle: (K, 2) where the windows' middles meet a plane 1 m ahead, right and up, m.
+        pixel_m: width of a pixel there.
+        inner: (K, P) and ``valid``: as of :func:`_salient`.
+        same_m: difference in depth up to which pixels show the same thing.
+        valid: (K, P).
+    """
+    which, (height, width) = torch.arange(len(depth)), depth.shape[1:]
+    number = _salient(colour, depth.isfinite(), inner, valid)
+    start = (which, number // width, number % width)
     own = colour.permute(0, 2, 3, 1)[start][:, :, None, None]
     same = ((colour - own).abs().amax(1) <= _SAME_COLOUR) | _shaded_alike(colour, own)
-    like = same & ((depth - depth[start][:, None, None]).abs() <= _SAME_DEPTH)
-    thing = torch.zeros_like(depth)
-    thing[start] = 1.0
-    for _ in range(CELL_PX + _AROUND_PX):
-        thing = functional.max_pool2d(thing[:, None], 3, 1, 1)[:, 0] * like
-    number, count = torch.arange(thing.shape[-1]).float(), thing.sum((1, 2))
-    row, column = (thing.sum(2) * number).sum(1) / count, (thing.sum(1) * number).sum(1) / count
+    like = same & ((depth - depth[start][:, None, None]).abs() <= same_m)
+    like[start] = True
+    labels = torch.from_numpy(ndimage.label(like.numpy(), _BESIDE)[0])
+    thing = labels == labels[start][:, None, None]
+    count = thing.sum((1, 2)).float()
+    row = (thing.sum(2) * torch.arange(height)).sum(1) / count
+    column = (thing.sum(1) * torch.arange(width)).sum(1) / count
     # The middle of what is bent around something else is not its own; a cursor's pixel is.
     at = (which, row.round().long(), column.round().long())
-    around = functional.avg_pool2d(thing[:, None], 3, 1, 1)[:, 0][at]
-    hollow = (thing[at] == 0.0) & (around < 0.5)
-    far = torch.where(hollow, depth[start], (depth * thing).sum((1, 2)) / count)
-    return torch.where(hollow, start[1], row), torch.where(hollow, start[2], column), far, count
+    around = functional.avg_pool2d(thing[:, None].float(), 3, 1, 1)[:, 0][at]
+    hollow = ~thing[at] & (around < 0.5)
+    far = torch.where(thing, depth, torch.zeros(())).sum((1, 2)) / count
+    row, column, far = (
+        torch.where(hollow, one, other)
+        for one, other in zip((start[1], start[2], depth[start]), (row, column, far), strict=True)
+    )
+    right = middle[:, 0] + (column + 0.5 - 0.5 * width) * pixel_m
+    up = middle[:, 1] - (row + 0.5 - 0.5 * height) * pixel_m
+    edge = thing[:, [0, -1]].flatten(1).any(1) | thing[:, :, [0, -1]].flatten(1).any(1)
+    wide = 2.0 * (count / torch.pi).sqrt() * far * pixel_m
+    return torch.stack([torch.ones_like(far), -right, up], 1), far, wide, ~edge
 
 
 def _shaded_alike(colour: Tensor, own: Tensor) -> Tensor:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.actions import gaze_slopes
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.perception.proprioception import Proprioception
@@ -27,7 +28,7 @@ from sim2vr_harness.policies.hierarchical.action_selection import (
     mask_unreached,
 )
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
-from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, rotation
+from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, Fovea, rotation
 from sim2vr_harness.policies.hierarchical.motor_policy import (
     MotorGoals,
     MotorPolicy,
@@ -85,36 +86,38 @@ class Memory:
         left: (N,) remaining user steps of these options.
         age: (N,) user steps since the first one.
         seen: images (N, 8, H, W) of the last user steps and poses of the headsets (N, 4, 4) at
-            which they were rendered, the newest last.
+            which they were rendered, the newest last; with a fovea also its pictures, depths and
+            middles (:class:`~.depth_grid.Fovea`).
+        gaze: (N, 2) direction of gaze that was chosen last, a proportion of the eyes' range.
     """
 
     def __init__(self, n: int, hands: int) -> None:
         self.n, self.choice = n, OptionChoice(n, hands)
         self.left = np.zeros(n, np.int64)
         self.age = np.full(n, -1)
-        self.seen: list[tuple[Tensor, Tensor]] = []
+        self.seen: list[tuple[Tensor, ...]] = []
+        self.gaze = torch.zeros(n, 2)
 
     def forget(self, users: list[int]) -> None:
         """Reset the memory of these users for a new episode."""
         self.choice.forget(users)
-        self.left[users], self.age[users] = 0, -1
+        self.left[users], self.age[users], self.gaze[users] = 0, -1, 0.0
 
     def state_dict(self) -> dict[str, Any]:
         """Return a copy of all of it as tensors."""
-        pictures, heads = zip(*self.seen, strict=True) if self.seen else ((), ())
         return {
             "choice": {name: value.clone() for name, value in vars(self.choice).items()},
             "left": torch.tensor(self.left),
             "age": torch.tensor(self.age),
-            "pictures": list(pictures),
-            "heads": list(heads),
+            "gaze": self.gaze.clone(),
+            "seen": [list(each) for each in self.seen],
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from :meth:`state_dict`."""
         vars(self.choice).update({name: v.clone() for name, v in state["choice"].items()})
         self.left, self.age = state["left"].numpy().copy(), state["age"].numpy().copy()
-        self.seen = list(zip(state["pictures"], state["heads"], strict=True))
+        self.gaze, self.seen = state["gaze"].clone(), [tuple(each) for each in state["seen"]]
 
 
 def require_senses(env: EnvConfig) -> None:
@@ -126,13 +129,17 @@ def require_senses(env: EnvConfig) -> None:
     why = "by which a user decides"
     vision = env.vision
     got = [str(channel) for channel in vision.channels]
-    if got != ["red", "green", "blue", "depth"] or vision.eyes != 1 or vision.foveation is not None:
-        wanted = "[red, green, blue, depth] of one eye, without foveation"
+    if got != ["red", "green", "blue", "depth"] or vision.eyes != 1:
+        wanted = "[red, green, blue, depth] of one eye"
         raise InputError("env.vision", f"{got}", f"{wanted}, {why}")
     senses = {sense.sense: sense for sense in env.senses}
     if env.user.head != "fixed" and "headset" not in senses:
         wanted = f"'fixed', or the sense headset, {why}"
         raise InputError("env.user.head", repr(env.user.head), wanted)
+    eyes = ("fovea", "fovea_depth", "gaze")
+    if vision.fovea is not None and (not env.gaze_moves or set(eyes) - set(senses)):
+        wanted = f"one with gaze: moves, and the senses {', '.join(eyes)}, {why}"
+        raise InputError("env.vision.fovea", "another", wanted)
     seen, felt = senses.get("vision"), senses.get("proprioception")
     if seen is None or felt is None:
         wanted = f"vision and proprioception, {why}"
@@ -206,14 +213,20 @@ class HierarchicalPolicy(nn.Module):
         self.poses = reachable_poses(layer, config.seed)
         self._primitives: PrimitiveController | None = None
         self._read = _Read(body, layer)
-        self._wanted = {
+        self._wanted: dict[str, tuple[int, ...]] = {
             "proprioception": (len(Proprioception(body).names),),
             "vision": (4, vision.height, vision.width),
         }
+        self._fovea_pixel_m, self._gaze_range_deg = 0.0, env.gaze_range_deg
+        if self._gaze_range_deg and (eye := vision.fovea) is not None:
+            self._fovea_pixel_m = vision.fovea_pixel_m
+            self._wanted |= {"fovea": (4, eye.height, eye.width), "gaze": (2,)}
+            self._wanted |= {"fovea_depth": (1, eye.height, eye.width)}
 
     def __repr__(self) -> str:
         """Return the body, what it observes and the size of its action."""
         actions = self.layer.drives.count + len(self.values.options.inputs)
+        actions += 2 if self._gaze_range_deg else 0
         sizes = f"{shapes_in_words(self._wanted)}; {actions} actions"
         return f"HierarchicalPolicy({self.layer.body.name}: {sizes})"
 
@@ -276,7 +289,13 @@ class HierarchicalPolicy(nn.Module):
             moment = self._feel(observations)
         memory.age += 1
         pictures = torch.from_numpy(np.array(observations["vision"]))
-        memory.seen = [*memory.seen, (pictures, moment.head)][-1 - int(moment.decides.max()) :]
+        seen: tuple[Tensor, ...] = (pictures, moment.head)
+        if self._fovea_pixel_m:
+            keys = ("fovea", "fovea_depth", "gaze")
+            fovea, depth, gaze = (torch.from_numpy(np.array(observations[key])) for key in keys)
+            middle = torch.from_numpy(gaze_slopes(gaze.numpy() * self._gaze_range_deg))
+            seen = (*seen, fovea, depth[:, 0], middle.float())
+        memory.seen = [*memory.seen, seen][-1 - int(moment.decides.max()) :]
         return moment
 
     def _feel(self, observations: Observation) -> Moment:
@@ -289,14 +308,16 @@ class HierarchicalPolicy(nn.Module):
     def scene(self, moment: Moment, memory: Memory, late: NDArray[np.int64]) -> OptionScene:
         """Return what users see who see (N,) user steps late; at first they see what is there."""
         ago = np.minimum(late, memory.age)
-        pictures, head = memory.seen[-1 - int(ago[0])]
+        seen = memory.seen[-1 - int(ago[0])]
         if (ago != ago[0]).any():
-            each = [(memory.seen[-1 - int(k)], i) for i, k in enumerate(ago)]
-            pictures = torch.stack([seen[0][i] for seen, i in each])
-            head = torch.stack([seen[1][i] for seen, i in each])
+            each = [memory.seen[-1 - int(k)] for k in ago]
+            parts = zip(*each, strict=True)
+            seen = tuple(torch.stack([one[i] for i, one in enumerate(part)]) for part in parts)
+        pictures, head, *fovea = seen
         at, turned = head[:, :3, 3], head[:, :3, :3]
         moving = self.primitives.tips(*moment.placed)
-        return OptionScene(self.values.sight, pictures, at, turned, *moving)
+        eye = Fovea(self._fovea_pixel_m, *fovea) if fovea else None
+        return OptionScene(self.values.sight, pictures, at, turned, *moving, eye)
 
     def decide(self, moment: Moment, memory: Memory) -> None:
         """Select new options for the users whose last option is finished."""
@@ -330,7 +351,21 @@ class HierarchicalPolicy(nn.Module):
             goals = self.primitives.goals(memory.choice, moment.head[:, :3, 3], *moment.placed)
             body = self._drive(moment, goals, memory)
             fingers = self.primitives.inputs(memory.choice, moment.placed[0])
-        return np.concatenate([body, fingers], 1)
+            if self._gaze_range_deg:
+                # Look at the target of the hand that is farthest from its own.
+                choice, head, active = memory.choice, moment.head, memory.choice.move >= 0
+                left = (choice.seen - self.primitives.tips(*moment.placed)[0]).norm(dim=-1)
+                hand = left.masked_fill(~active, -1.0).argmax(1)
+                way = choice.seen[torch.arange(len(hand)), hand] - head[:, :3, 3]
+                ahead, to_left, up = torch.einsum("nji,nj->in", head[:, :3, :3], way)
+                gaze = torch.atan2(
+                    torch.stack([-to_left, up], 1), torch.stack([ahead, ahead.hypot(to_left)], 1)
+                )
+                gaze = (torch.rad2deg(gaze) / self._gaze_range_deg).clamp(-1.0, 1.0)
+                memory.gaze = torch.where(active.any(1, keepdim=True), gaze, memory.gaze)
+        if not self._gaze_range_deg:
+            return np.concatenate([body, fingers], 1)
+        return np.concatenate([body, fingers, memory.gaze.numpy()], 1)
 
     def _drive(self, moment: Moment, goals: MotorGoals, memory: Memory) -> NDArray[np.float32]:
         """(N, A) actions of the bodies."""

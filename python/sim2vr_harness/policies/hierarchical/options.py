@@ -185,12 +185,3 @@ class ControllerInputs:
                 each = values[:, hand, roles].numpy()
                 found[:, column] = each[np.arange(len(each)), np.abs(each).argmax(1)]
         return (2.0 * (found - self._low) / (1.0 - self._low) - 1.0).astype(np.float32)
-
-
-def with_inputs_at_rest(body: NDArray[np.float32], names: Sequence[str]) -> NDArray[np.float32]:
-    """(N, A + F) actions (N, A) of bodies whose fingers leave F inputs alone."""
-    if not names:
-        return body
-    low = np.array([input_named(name).low for name in names], dtype=np.float32)
-    rest = -2.0 * low / (1.0 - low) - 1.0
-    return np.concatenate([body, np.tile(rest, (len(body), 1))], 1).astype(np.float32)

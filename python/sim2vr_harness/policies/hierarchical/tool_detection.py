@@ -18,7 +18,6 @@ from torch import Tensor
 from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
-from sim2vr_harness.policies.hierarchical.options import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 
 _EVERY, _LOOKS, _PICTURES = 3, 30, 960
@@ -134,7 +133,9 @@ def find_tools(
     every = max(1, round(_PICTURES / (_LOOKS * n)))
     for step in range(_EVERY * _LOOKS * every):
         body = layer.act(simulation.users, exercises.goals)
-        result = simulation.step(with_inputs_at_rest(body, simulation.config.user.inputs))
+        actions = np.tile(simulation.resting_action, (n, 1))
+        actions[:, : body.shape[1]] = body
+        result = simulation.step(actions)
         exercises.step(*_placed(simulation, layer))
         simulation.renew(result)
         if step % _EVERY == 0:

@@ -64,8 +64,8 @@ class PersonHand(Hand):
         self._facing = facing
         if facing is not None and self._target is not None:
             if facing @ (self.position - self._target) < 0.0:
-                self._facing = -facing
-            self.place = self._target + _BEFORE_M * self._facing
+                facing = self._facing = -facing
+            self.place = self._target + _BEFORE_M * facing
 
     def hold_tool(self, place: FloatArray | None) -> None:
         """As of other hands; what was pushed is approached anew."""

@@ -23,7 +23,8 @@ from torch.nn import functional
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.state import State
-from sim2vr_harness.play.player import reward_per_minute
+from sim2vr_harness.client import GameFacts
+from sim2vr_harness.play.player import Job, Player
 from sim2vr_harness.policies.hierarchical.action_selection import (
     OptionScene,
     best_choices,
@@ -243,7 +244,8 @@ class ValueLearner(State):
         """Return the scenes of decisions (K,) of users (K,)."""
         pictures, *others = (self.decisions.read(name, rows, users) for name in SCENE)
         seen = (pictures.transpose(0, 3, 1, 2), *others)
-        return OptionScene(self.net.sight, *(torch.from_numpy(each) for each in seen))
+        parts: list[Any] = [torch.from_numpy(each) for each in seen]
+        return OptionScene(self.net.sight, *parts)
 
     @staticmethod
     def _worth(values: Tensor, chosen: Tensor) -> Tensor:
@@ -349,6 +351,7 @@ class OptionQLearning(State):
         policy: theirs; its values are learned.
         pictures: the file of the stored images; made or reused.
         for_persons: whether persons will use the values.
+        loss_weight: weight of what a user step costs, if that is more than it earns.
     """
 
     def __init__(
@@ -360,8 +363,9 @@ class OptionQLearning(State):
         *,
         seed: int,
         for_persons: bool = False,
+        loss_weight: float = 1.0,
     ) -> None:
-        self.config, self._seed = config, seed
+        self.config, self._seed, self._loss_weight = config, seed, loss_weight
         self.updates = SETTINGS.updates_for_persons if for_persons else SETTINGS.updates
         """Updates of the Q-network per decision of all users."""
         n = self.n = int(simulation.n)
@@ -523,7 +527,7 @@ class OptionQLearning(State):
                 moment = self.policy.sense(self.simulation.observation(), memory)
             result = self.simulation.step(self.policy.move(moment, memory))
             self.step_count += self.n
-            reward += np.where(over, 0.0, result.reward).astype(np.float32)
+            reward += np.where(over, 0.0, self._valued(result.reward)).astype(np.float32)
             game_reward += np.where(over, 0.0, result.game_reward).astype(np.float32)
             again = self.simulation.renew(result)
             self.policy.restart(self._memory, again)
@@ -532,6 +536,10 @@ class OptionQLearning(State):
             over |= result.over
         return {"reward": reward, "game_reward": game_reward, "over": over, "cut": cut}
 
+    def _valued(self, outcome: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what rewards less effort are worth to the users, who mind losses."""
+        return np.where(outcome < 0.0, self._loss_weight * outcome, outcome)
+
     def earned(
         self,
         hold: int,
@@ -539,7 +547,7 @@ class OptionQLearning(State):
         *,
         on_step: Callable[[], None] = lambda: None,
     ) -> float:
-        """Return the mean reward per minute, less effort, without exploration, in new rounds.
+        """Return the mean value of a minute without exploration, in new rounds.
 
         Args:
             hold: user steps from one decision to the next.
@@ -549,15 +557,15 @@ class OptionQLearning(State):
         self._trying[:] = 0
         self.policy.hold.fill_(hold)
 
-        def advance(_: float) -> None:
+        player = Player(self.simulation, self.policy, GameFacts(""), deterministic=True)
+        seeds = self._round_seeds(self.step_count, 59)
+        player.begin([Job("", k, seed) for k, seed in enumerate(seeds)], endless=True)
+        value = 0.0
+        for _, outcome in zip(range(steps), player.steps(), strict=False):
+            value += float(self._valued(outcome.reward).mean())
             self.compared += self.n
             on_step()
-
-        seeds = self._round_seeds(self.step_count, 59)
-        reward, effort = reward_per_minute(
-            self.simulation, self.policy, seeds, steps, deterministic=True, on_progress=advance
-        )
-        return reward - effort
+        return value * 60.0 * self.simulation.config.action_frequency_hz / steps
 
     def diagnosis(self) -> tuple[float, float]:
         """Return the proportions of rewarded decisions, and of near cells within reach."""

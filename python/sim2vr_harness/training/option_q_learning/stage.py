@@ -14,7 +14,6 @@ import torch
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.progress import View
 from sim2vr_harness.base.torch_threads import torch_threads
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.people_preset import with_measured_body
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
@@ -44,7 +43,7 @@ HOLDS = (1, 3, 5)
 """Candidates for the user steps from one decision to the next."""
 _HOLD_S = 128.0
 """Seconds of play of all users together that compare them: 4 to 10 of each user."""
-_VIGOURS, _MANNER_S = (1.0, 6.0, 36.0), 5.0
+_VIGOURS, _MANNER_S = (1.0, 3.3, 11.0, 36.0), 5.0
 """Divisors of a participant's effort weight that are compared, and seconds of play per
 comparison."""
 _PICTURES = "pictures.bin"
@@ -109,13 +108,22 @@ def choose_manner(
         for vigour in _VIGOURS:
             person.vigour.fill_(vigour)
             by_vigour[vigour] = earned()
-        best = max(by_vigour, key=lambda each: by_vigour[each])
+        best = best_vigour(by_vigour)
         person.vigour.fill_(best)
         found = ", ".join(f"{by_vigour[each]:.2f} for {each:g}" for each in _VIGOURS)
-        said += f"; by vigour: {found}. The persons': {best:g}"
-    callbacks.say(f"Reward per minute, less effort: {said}.")
+        said += f"; by vigour: {found}. The persons': {best:.3g}"
+    callbacks.say(f"Reward per minute, less effort, losses weighted: {said}.")
     learner.begin_rounds(learner.step_count, 60)
     learner.manner_chosen = True
+
+
+def best_vigour(values: Mapping[float, float]) -> float:
+    """Return the vigour at the top of a parabola through values by the logarithm of vigour."""
+    logs = np.log(list(values))
+    bend, slope, _ = np.polyfit(logs, list(values.values()), 2)
+    if bend >= 0.0:
+        return max(values, key=lambda vigour: values[vigour])
+    return float(np.exp(np.clip(-0.5 * slope / bend, logs.min(), logs.max())))
 
 
 class QLearningStage(Stage):
@@ -233,7 +241,7 @@ class QLearningStage(Stage):
             expected = f"{width} for a hierarchical policy"
             raise InputError("skills.motor_training.width", got, expected)
         env = self._before_persons.env
-        self._simulation = Simulation(_seeing(env), config.q_learning.users)
+        self._simulation = Simulation(env, config.q_learning.users)
 
     def run(self, callbacks: Callbacks) -> None:
         """Find tools, learn values, and write the user."""
@@ -256,6 +264,7 @@ class QLearningStage(Stage):
                 self.folder / _PICTURES,
                 seed=seed,
                 for_persons=config.skills.people,
+                loss_weight=config.skills.loss_weight,
             )
             self.resume(callbacks)
             self._learn(learner, callbacks, before)
@@ -287,7 +296,7 @@ class QLearningStage(Stage):
     def _begin_persons(self, learner: OptionQLearning) -> None:
         """Let virtual participants replace the measured body, and learn from their decisions."""
         measured, config = self._simulation, self._config
-        self._simulation = Simulation(_seeing(config.env), config.skills.q_learning.users)
+        self._simulation = Simulation(config.env, config.skills.q_learning.users)
         learner.continue_with_persons(self._simulation, self._person(learner.policy))
         measured.close()
 
@@ -414,9 +423,3 @@ class QLearningStage(Stage):
         if self._config.skills.people:
             return self._measured_steps
         return _COMPARED_SHARE * self._config.skills.q_learning.user_steps
-
-
-def _seeing(env: EnvConfig) -> EnvConfig:
-    """Return the environment settings without zoom: images have the size that the policy uses."""
-    vision = env.vision.model_copy(update={"zoom": 1})
-    return env.model_copy(update={"vision": vision})

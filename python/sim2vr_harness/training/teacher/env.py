@@ -175,7 +175,7 @@ def blind_env(env: EnvConfig) -> EnvConfig:
         update={
             "width": max(8, env.vision.width // scale),
             "height": max(8, env.vision.height // scale),
-            "zoom": 1,
+            "fovea": None,
             "channels": ("depth",),
             "eyes": 1,
         }

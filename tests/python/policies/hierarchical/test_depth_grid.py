@@ -5,7 +5,13 @@ import pytest
 import torch
 
 from sim2vr_harness.policies.hierarchical.action_selection import best_choices
-from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX, FAR_M, DepthGrid, rotation
+from sim2vr_harness.policies.hierarchical.depth_grid import (
+    CELL_PX,
+    FAR_M,
+    DepthGrid,
+    Fovea,
+    rotation,
+)
 from sim2vr_harness.policies.hierarchical.primitives import MOVES
 
 
@@ -98,3 +104,31 @@ def test_a_thing_is_as_wide_as_a_disc_with_its_pixels(
     cell = torch.tensor([[37 // CELL_PX * 30 + 61 // CELL_PX]])
     width = DepthGrid(80, 120).things(picture, cell, torch.zeros(1, 3), torch.eye(3)[None])[1]
     assert float(width) == pytest.approx(expected_m, rel=0.06)  # the plate is tilted
+
+
+@pytest.mark.parametrize("seen", ["whole", "partly", "saccade"])
+def test_the_fovea_measures_what_the_gaze_is_on(seen: str) -> None:
+    """A red disc of 2 cm, 0.7 m ahead and 3 mm to the right: two pixels of the picture."""
+    pixel_m, far, middle = 2.0 / 80 / 6, 0.7, torch.tensor([[0.01, 0.0]])
+    picture = button(range(39, 41), range(59, 61), 18)
+    row, column = torch.meshgrid(torch.arange(72), torch.arange(72), indexing="ij")
+    right = 0.01 + (column + 0.5 - 36) * pixel_m
+    up = (36 - row - 0.5) * pixel_m
+    disc = (far * right - 0.003) ** 2 + (far * up) ** 2 < 0.01**2
+    if seen == "partly":
+        disc = (far * right + 0.04).abs() < 0.04  # beyond the left edge
+    pictures = torch.where(disc, torch.tensor([250, 0, 20])[:, None, None], 20)[None]
+    depth = torch.full((1, 72, 72), 0.0 if seen == "saccade" else far)
+    fovea = Fovea(pixel_m, pictures.to(torch.uint8), depth, middle)
+    cell = torch.tensor([[39 // CELL_PX * 30 + 60 // CELL_PX]])
+    given = picture, cell, torch.zeros(1, 3), torch.eye(3)[None]
+    (plain,), (plain_m,) = DepthGrid(80, 120).things(*given)
+    (place,), (width,) = DepthGrid(80, 120).things(*given, fovea)
+    if seen == "saccade":
+        assert (place == plain).all() and (width == plain_m).all()
+    elif seen == "partly":
+        assert place[0].tolist() == pytest.approx((plain[0] * far / plain[0, 0]).tolist())
+        assert (width == plain_m).all()
+    else:
+        assert place[0].tolist() == pytest.approx([far, -0.003, 0.0], abs=0.001)
+        assert float(width) == pytest.approx(0.02, abs=0.001)

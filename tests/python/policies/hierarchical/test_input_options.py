@@ -19,7 +19,6 @@ from sim2vr_harness.policies.hierarchical.options import (
     ROLES,
     ControllerInputs,
     option_set,
-    with_inputs_at_rest,
 )
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 from sim2vr_harness.policies.hierarchical.primitives import (
@@ -77,9 +76,6 @@ def test_fingers_let_go_of_what_they_do_not_use() -> None:
     fingers = ControllerInputs(names, ("controller_right",))
     values = torch.zeros(1, 1, len(ROLES))
     assert fingers.actions(values).tolist() == [[-1.0, -1.0, 0.0, -1.0]]
-    assert with_inputs_at_rest(np.ones((1, 2), np.float32), names).tolist() == [
-        [1.0, 1.0, -1.0, -1.0, 0.0, -1.0]
-    ]
     values[0, 0, ROLES.index("squeeze")] = 1.0  # the trigger does its work
     values[0, 0, ROLES.index("thumbstick_x")] = -1.0
     assert fingers.actions(values).tolist() == [[1.0, -1.0, -1.0, -1.0]]

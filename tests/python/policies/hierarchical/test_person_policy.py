@@ -35,8 +35,9 @@ def policy() -> Following:
 
 def seeing(policy: Following, height: float = 0.0) -> dict[str, np.ndarray]:
     """Return what one person senses whose picture has this number everywhere."""
-    vision = policy._wanted["vision"]
+    vision, eyes = policy._wanted["vision"], ("fovea", "fovea_depth", "gaze")
     return {
+        **{key: np.zeros((1, *policy._wanted[key]), np.float32) for key in eyes},
         "vision": np.full((1, 2 * vision[0], *vision[1:]), height, dtype=np.float32),
         "proprioception": np.zeros((1, len(Proprioception(policy.layer.body).names)), "f4"),
         "person": np.zeros((1, len(FEATURES)), np.float32),

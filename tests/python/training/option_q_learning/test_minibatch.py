@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim2vr_harness.runs.option_config import SkillsConfig
 from sim2vr_harness.training.option_q_learning.q_learning import ValueLearner, draw_decisions
+from sim2vr_harness.training.option_q_learning.stage import best_vigour
 
 
 def test_a_quarter_came_before_a_reward_and_weighs_less() -> None:
@@ -48,3 +50,26 @@ def test_a_round_that_is_cut_off_is_worth_what_would_follow() -> None:
     np.testing.assert_allclose(weight[:4], [0.614125, 0.0, 0.7225, 0.85], rtol=1e-6)
     assert last[[0, 2, 3]].tolist() == [3, 2, 1]
     assert known.tolist() == [True, True, True, True, False]
+
+
+def test_the_best_vigour_is_the_top_of_a_parabola_by_its_logarithm() -> None:
+    """100 - 3 (log2 v - 3)^2 has its top at 8, log2 v + 5 rises to the largest."""
+    vigours = (1.0, 2.0, 16.0, 32.0)
+    assert best_vigour({v: 100 - 3 * (np.log2(v) - 3) ** 2 for v in vigours}) == pytest.approx(8.0)
+    assert best_vigour({v: np.log2(v) ** 2 for v in vigours}) == 32.0
+    assert best_vigour({v: 9 - 3 * (np.log2(v) - 7) ** 2 for v in vigours}) == pytest.approx(32.0)
+
+
+@pytest.mark.parametrize(
+    ("user", "instruction", "weight"),
+    [
+        ("person", "fast", 1.0),
+        ("person", "balanced", 2.25),
+        ("person", "accurate", 2.25**2),
+        ("hierarchical", "accurate", 1.0),
+    ],
+)
+def test_the_instruction_says_how_much_losses_weigh(
+    user: str, instruction: str, weight: float
+) -> None:
+    assert SkillsConfig(user=user, instruction=instruction).loss_weight == weight

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -39,6 +40,7 @@ from sim2vr_harness.training.option_q_learning.q_learning import (
     SETTINGS,
     OptionQLearning,
 )
+from sim2vr_harness.training.option_q_learning.stage import choose_manner
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
 STEP_S = 0.05
@@ -175,6 +177,26 @@ def with_persons(folder: Path, steps: int, since: int = 5) -> OptionQLearning:
     for _ in range(steps):
         one.step()
     return one
+
+
+def test_hands_move_as_it_pays(tmp_path: Path) -> None:
+    """Straight hands earn 5 more; vigour 6 earns most; nothing of it counts as learning."""
+    one, said = with_persons(tmp_path / "own", 0), []
+    person, taken, decisions = one.policy, one.step_count, one._decisions.count
+    assert isinstance(person, PersonPolicy)
+    callbacks = SimpleNamespace(say=said.append, doing=lambda part: None)
+
+    def of_now(*_: object, **__: object) -> float:
+        lost = 3.0 * np.log(float(person.vigour) / 6.0) ** 2
+        return float(20.0 - lost - 5.0 * float(person.primitives.lifts))
+
+    with patch.object(one, "earned", side_effect=of_now):
+        choose_manner(one, 100, callbacks, print)  # type: ignore[arg-type]
+    assert (float(person.vigour), float(person.lifts)) == (pytest.approx(6.0), 0.0)
+    assert said[0].endswith("The persons': 6.")
+    assert (one.step_count, one._decisions.count) == (taken, decisions)
+    assert one._memory[0].bodies.vigour == pytest.approx(6.0)  # type: ignore[attr-defined]
+    one.simulation.close()
 
 
 def test_effort_is_taken_off_the_reward_of_every_decision(tmp_path: Path) -> None:

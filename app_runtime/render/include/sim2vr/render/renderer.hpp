@@ -48,6 +48,9 @@ struct ViewRequest {
   std::span<std::uint8_t> rgba;
   /// Instead of the camera's own pose and vertical_fov_deg.
   std::optional<EyeView> eye = std::nullopt;
+  /// Empty, or height x width: depth along the view axis in metres, not rounded; camera.far_m where
+  /// nothing is nearer.
+  std::span<float> depth_m{};
 };
 
 class Renderer {
@@ -102,7 +105,7 @@ class Renderer {
  protected:
   Renderer() = default;
   /// Throws InvalidArgument for a bad size or a buffer that does not fit it.
-  static void checkRenderArguments(ImageSize size, std::span<const std::uint8_t> rgba);
+  static void checkRenderArguments(const ViewRequest& request);
 };
 
 }  // namespace sim2vr::render

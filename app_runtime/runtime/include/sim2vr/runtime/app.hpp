@@ -45,6 +45,9 @@ class App final : public LockstepApp {
 
   std::span<const std::uint8_t> image() const override { return image_; }
   void addViews(std::vector<render::ViewRequest>& views) override;
+  void addWindow(std::vector<render::ViewRequest>& views, const render::EyeView& eye,
+                 render::ImageSize size, std::span<std::uint8_t> rgba,
+                 std::span<float> depth_m) override;
   void draw() override;
 
   const std::map<std::string, double>& log() const override;

@@ -29,6 +29,10 @@ struct BatchSettings {
   std::vector<std::shared_ptr<render::Renderer>> renderers;
   /// Channels of the pictures (0 red, 1 green, 2 blue, 3 depth) that vision() holds, in this order.
   std::vector<int> vision_channels;
+  /// Of fovea(); 0 x 0: none is drawn.
+  render::ImageSize fovea_size{0, 0};
+  /// Width of a pixel of fovea() at a depth of 1 m.
+  float fovea_pixel_m = 0.0F;
   AppFactory make = gameApps();
 };
 
@@ -73,6 +77,13 @@ class AppBatch {
   /// N x (eyes * channels) x height x width bytes, the left eye's channels first: what a policy
   /// looks at, separated by the threads that drew.
   std::span<const std::uint8_t> vision() const { return vision_; }
+  /// N x height x width x 4 bytes: a window of the headset's picture around the gaze, drawn with
+  /// it.
+  std::span<const std::uint8_t> fovea() const { return fovea_; }
+  /// N x height x width: its depths, m (ViewRequest::depth_m).
+  std::span<const float> foveaDepth() const { return fovea_depth_; }
+  /// N x 2: where the next windows are, right and up at a depth of 1 m, m; the caller's to write.
+  std::span<float> gaze() { return gaze_; }
   std::span<const float> rewards() const { return rewards_; }
   /// 1 where the round is over.
   std::span<const std::uint8_t> finished() const { return finished_; }
@@ -101,6 +112,7 @@ class AppBatch {
   LockstepApp& at(std::span<const int> indices, std::size_t i) {
     return *apps_[static_cast<std::size_t>(indices[i])];
   }
+  void addFovea(int index, std::vector<render::ViewRequest>& views);
   void separateChannels(int index);
   void fillPrivileged(int index, std::span<float> rows);
   void countEvents(int index);
@@ -111,6 +123,9 @@ class AppBatch {
   ThreadPool pool_;
   std::vector<std::uint8_t> images_;
   std::vector<std::uint8_t> vision_;
+  std::vector<std::uint8_t> fovea_;
+  std::vector<float> fovea_depth_;
+  std::vector<float> gaze_;
   std::vector<float> rewards_;
   std::vector<std::uint8_t> finished_;
   std::vector<float> time_features_;

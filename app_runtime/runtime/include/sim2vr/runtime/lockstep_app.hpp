@@ -182,6 +182,11 @@ class LockstepApp {
   /// Adds what a renderer has to draw into image() for the present frame. An app that draws for
   /// itself has done so at the end of begin, startStep and load, and adds nothing.
   virtual void addViews(std::vector<render::ViewRequest>&) {}
+  /// Adds what else the headset sees of the present frame, through another frustum. An app that
+  /// draws for itself adds nothing.
+  virtual void addWindow(std::vector<render::ViewRequest>&, const render::EyeView&,
+                         render::ImageSize, std::span<std::uint8_t> /*rgba*/,
+                         std::span<float> /*depth_m*/) {}
   /// Draws image() anew with the app's own renderer. Throws StateError before the first reset.
   virtual void draw() {}
 

@@ -18,16 +18,9 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-import torch
-
 from sim2vr_harness.evaluation.evaluate import evaluate
 from sim2vr_harness.evaluation.request import Request
-from sim2vr_harness.policies.hierarchical import person_policy
-from sim2vr_harness.policies.hierarchical.human_motor import HandPolicy
-from sim2vr_harness.runs.option_config import PeopleTraining
-from sim2vr_harness.training.motor_control.people_training import Execution, train_hand_policy
-
-_STEP_S = 0.05
+from sim2vr_harness.policies.hierarchical import human_motor, person_policy
 
 
 @dataclass(frozen=True)
@@ -38,7 +31,7 @@ class Ablation:
         settings: of the environment.
         constants: of ``person_policy``, by name.
         perceives: whether distances are misjudged.
-        time_cost: factor on the cost of time, with which reaching is learned anew.
+        time_cost: factor on the cost of time with which movements are planned.
     """
 
     settings: tuple[str, ...] = ()
@@ -62,31 +55,22 @@ ABLATIONS = {
 }
 
 
-def _reaching(time_cost: float) -> HandPolicy:
-    """A policy in space that was trained with another cost of time."""
-    config = PeopleTraining()
-    torch.manual_seed(1)
-    policy = HandPolicy(config.width)
-    config = dataclasses.replace(config, time_cost=time_cost * config.time_cost)
-    train_hand_policy(policy, config, Execution(), _STEP_S, updates=config.updates, seed=1)
-    return policy
-
-
 @contextmanager
 def _without(ablation: Ablation) -> Iterator[None]:
     """Take mechanisms away from all persons who begin a round meanwhile."""
     begin = person_policy.PersonPolicy.begin
-    reaching = None if ablation.time_cost == 1.0 else _reaching(ablation.time_cost)
 
     def begun(self: Any, n: int) -> Any:
-        if reaching is not None:
-            self.human.hand_policy.load_state_dict(reaching.state_dict())
         if not ablation.perceives:
             self.human._misjudged = {}
         return begin(self, n)
 
     with ExitStack() as stack:
         stack.enter_context(mock.patch.object(person_policy.PersonPolicy, "begin", begun))
+        plan = dataclasses.replace(
+            human_motor.PLAN, time=ablation.time_cost * human_motor.PLAN.time
+        )
+        stack.enter_context(mock.patch.object(human_motor, "PLAN", plan))
         for name, value in ablation.constants.items():
             stack.enter_context(mock.patch.object(person_policy, name, value))
         yield

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from sim2vr_harness.base.files import write_atomically
 from sim2vr_harness.base.optional import needed
-from sim2vr_harness.client import AppRefused
+from sim2vr_harness.client import AppError, AppRefused
 from sim2vr_harness.client.webxr.browser import print_page
 from sim2vr_harness.figures.figure import Figure
 from sim2vr_harness.figures.matplotlib_backend import png_of
@@ -100,7 +100,7 @@ def save_page(
         answer: One sentence, which stands first.
         first: What else is on the first screen: a picture and a table.
         sections: Headings and what is below them.
-        printed: Whether to write a PDF of the same name, too, which needs a browser.
+        printed: Whether to write a PDF of the same name, too, if a browser can.
 
     Raises:
         InputError: Plotly is not installed.
@@ -122,6 +122,6 @@ def save_page(
     write_atomically(file, page.encode())
     files = [file]
     if printed:
-        with suppress(AppRefused):
+        with suppress(AppRefused, AppError):
             files.append(print_page(file, file.with_suffix(".pdf")))
     return files

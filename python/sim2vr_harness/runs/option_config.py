@@ -32,14 +32,13 @@ class MotorTrainingConfig(Settings):
 
 @dataclass(frozen=True)
 class PeopleTraining:
-    """Training of a human motor policy: movements that a person starts, corrects and ends.
+    """Training of a human motor policy: a forward model of the bodies of persons.
 
     Constants, so that one set of parameters holds for all apps (docs/concepts/people.md).
     """
 
     cycles: int = 14
-    """Cycles of training: in each, persons move, and the forward model of the body is fitted to it.
-    The last one ends with the training of the policy in space."""
+    """Cycles of training: persons move, and the forward model of the body is fitted to it."""
     bodies: int = 48
     """Arms that move in a cycle: of this number of virtual participants, or of half as many with
     two."""
@@ -50,22 +49,8 @@ class PeopleTraining:
     fit_minibatches: int = 500
     """Minibatches that the forward model is fitted to in a cycle; three times as many in the
     first."""
-    updates: int = 450
-    """Updates of the policy in space, of 512 movements each."""
-    width: int = 64
-    """Width of the two hidden layers of the policy in space."""
     body_width: int = 128
     """Width of the hidden layers of the forward model."""
-    success_reward: float = 5.0
-    """Reward of a movement that ends as its goal says."""
-    miss_cost: float = 3.0
-    """Cost of a movement that ends otherwise."""
-    time_cost: float = 7.0
-    """Cost of time while a goal is pursued, 1/s."""
-    distance_cost: float = 15.0
-    """Cost of the distance to the goal at the end of a movement, 1/m."""
-    effort_cost: float = 0.15
-    """Cost of the time integral of the hand's squared acceleration, s^3/m^2."""
     weber: float = 0.05
     """Standard deviation of a goal's perceived place, of its distance from the hand."""
     least_m: float = 0.001

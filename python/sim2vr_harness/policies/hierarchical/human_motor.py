@@ -1,15 +1,15 @@
-"""The human motor policy: feedback in space, an internal model of the body, and late senses.
+"""The human motor policy: planned movements, an internal model of the body, and late senses.
 
 The user feels its body late. A learned forward model predicts the present from what is felt and
-from the user's own last commands (Wolpert and Ghahramani 2000, Nature Neuroscience 3). A policy in
-space chooses the next velocity of the hand from that prediction and decides when a movement is
-over; an inverse model finds the muscle commands.
+from the user's own last commands (Wolpert and Ghahramani 2000, Nature Neuroscience 3). A movement
+is planned to its end from that prediction, in every user step anew; an inverse model finds the
+muscle commands.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +22,7 @@ from sim2vr_harness.envs.config import UserConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.motor_policy import MOMENT_S, MotorGoals, tips
 from sim2vr_harness.users import Body, UserBatch, held
-from sim2vr_harness.world_models.body_dynamics import BodyModel, mlp
+from sim2vr_harness.world_models.body_dynamics import BodyModel
 from sim2vr_harness.world_models.effort import volume_shares
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion
@@ -33,29 +33,6 @@ SAME_M = 0.06
 """Movement of a target up to which the hand follows it without a new decision."""
 _FIXATION_S = 0.2
 """Correlation time of the errors in perceived goals, about the duration of a fixation."""
-
-
-@dataclass
-class HumanGoals(MotorGoals):
-    """Goals of B users' H hands.
-
-    Attributes:
-        stops: (B, H) 1 for hands that come to rest in the target, 0 for those that select or pass.
-    """
-
-    stops: Tensor
-
-    @staticmethod
-    def none(users: int, hands: int) -> HumanGoals:
-        """Return goals of hands that rest."""
-        plain = MotorGoals.none(users, hands)
-        return HumanGoals(**plain.tensors(), stops=torch.ones(users, hands))
-
-    @staticmethod
-    def of(goals: MotorGoals) -> HumanGoals:
-        """Return goals without their durations; those without a velocity are to stop at."""
-        stops = (goals.velocity.abs().sum(-1) == 0.0).float()
-        return HumanGoals(**goals.tensors(), stops=stops)
 
 
 class GoalPerception:
@@ -139,7 +116,7 @@ class Turning:
         rows: (B, H, 3, 3) from velocities of tips to those of the policy in space.
     """
 
-    def __init__(self, goals: HumanGoals, hand: Tensor, tip: Tensor) -> None:
+    def __init__(self, goals: MotorGoals, hand: Tensor, tip: Tensor) -> None:
         self._turns = goals.rays[..., None] > 0.0
         ray, to = tip - hand, goals.place - hand
         far = ray.norm(dim=-1, keepdim=True).clamp(min=1e-6)
@@ -155,8 +132,8 @@ class Turning:
         self._way = REFERENCE_M * torch.atan2(off, along) * beside / off.clamp(min=1e-6)
 
     def seen(
-        self, way: Tensor, velocity: Tensor, goals: HumanGoals
-    ) -> tuple[Tensor, Tensor, HumanGoals]:
+        self, way: Tensor, velocity: Tensor, goals: MotorGoals
+    ) -> tuple[Tensor, Tensor, MotorGoals]:
         """Return ways and velocities (B, H, 3), and goals, with those of rays in angles."""
         way = torch.where(self._turns, self._way, way)
         velocity = (self.rows @ velocity[..., None])[..., 0]
@@ -171,76 +148,109 @@ class Turning:
         return (self._plane @ error[..., None])[..., 0]
 
 
-def far_off(goals: HumanGoals, place: Tensor) -> Tensor:
+def far_off(goals: MotorGoals, place: Tensor) -> Tensor:
     """Return (B, H) distances of devices at (B, H, 4, 4) from goals, for the policy in space."""
     hand, tip = place[..., :3, 3], tips(place, goals.tip)
     way = Turning(goals, hand, tip).seen(goals.place - tip, tip, goals)[0]
     return way.norm(dim=-1)
 
 
-_WIDTH_M, _LEAST_M, _NEAR_M = 0.04, 0.002, 0.02
-_INPUTS = 13
-_MOST_MPS = 2.0
-"""Largest change of velocity in a user step."""
-_LOGIT, _FIRST_LOGIT = 3.0, -0.8
-"""Logit of the decision to end a movement: factor on the network's output, and initial bias."""
+@dataclass(frozen=True)
+class PlanSettings:
+    """Costs by which a movement's duration is chosen, and limits of its feedback.
 
-
-class HandPolicy(nn.Module):
-    """A feedback policy of hands in space, for all bodies and persons.
-
-    Args:
-        width: of the two hidden layers.
+    Attributes:
+        time: cost of time, 1/s.
+        effort: cost of the time integral of the squared acceleration, s^3/m^2.
+        miss: cost of a movement that ends beside its target.
+        noise_s: standard deviation of end points by the mean speed, m per m/s.
+        least_m: the same of a hand that hardly moves, m.
+        shortest_s: shortest time in which a deviation is corrected.
+        longest_s: longest planned movement.
+        follow_s: time for which a hand that passes goes on beyond its goal.
+        extends: part of a lag that a movement that stops is prolonged by, per user step.
+        gain: factor on the planned change of velocity of hands that stop. Muscles execute a part
+            of it within a user step.
     """
 
-    def __init__(self, width: int = 64) -> None:
-        super().__init__()
-        self.net = mlp(_INPUTS, width, width, 4)
-        last = self.net[-1]
-        assert isinstance(last, nn.Linear)
-        with torch.no_grad():
-            last.weight.mul_(0.1)
-            last.bias.copy_(torch.tensor([0.1, -0.3, 0.0, _FIRST_LOGIT]))
+    time: float = 7.0
+    effort: float = 0.15
+    miss: float = 8.0
+    noise_s: float = 0.013
+    least_m: float = 0.002
+    shortest_s: float = 0.15
+    longest_s: float = 1.6
+    follow_s: float = 0.1
+    extends: float = 0.2
+    gain: float = 1.3
 
-    def forward(
-        self, way: Tensor, velocity: Tensor, goals: HumanGoals, noise: Tensor, effort: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """(B, H, 3) velocities wanted at the end of a user step, and (B, H) logits of its end.
 
-        Args:
-            way: (B, H, 3) from the hands to their goals as believed, m.
-            velocity: (B, H, 3) of the hands as believed, m/s.
-            goals: for widths, velocities and whether to stop.
-            noise: (B, 1) the persons' factors on motor noise.
-            effort: (B, 1) their factors on the cost of effort.
-        """
-        far = way.square().sum(-1).add(1e-8).sqrt()
-        ahead = way / (far[..., None] + _NEAR_M)
-        wanted = goals.velocity
-        speed, through = (x.square().sum(-1).add(1e-6).sqrt() for x in (velocity, wanted))
-        passes = (through > 2e-3).float()
-        inputs = [
-            far / 0.3,
-            (far + 0.01).log() + 2.0,
-            ((far + _LEAST_M) / (0.5 * goals.width + _LEAST_M)).log(),
-            (goals.width / _WIDTH_M).log(),
-            speed,
-            (velocity * ahead).sum(-1),
-            through,
-            (wanted * ahead).sum(-1),
-            (wanted * velocity).sum(-1),
-            goals.stops,
-            passes,
-            noise.log().expand_as(far) * 4.0,
-            effort.log().expand_as(far),
-        ]
-        out = self.net(torch.stack(inputs, -1))
-        onwards, keeps, takes, over = out.unbind(-1)
-        change = (
-            onwards[..., None] * ahead + keeps[..., None] * velocity + takes[..., None] * wanted
-        )
-        size = change.square().sum(-1, keepdim=True)
-        return velocity + change / (1.0 + size / _MOST_MPS**2).sqrt(), _LOGIT * over
+PLAN = PlanSettings()
+_DURATIONS_S = torch.linspace(0.1, PLAN.longest_s, 31)
+_NODES = torch.tensor([0.0694318, 0.3300095, 0.6699905, 0.9305682])
+_GAUSS = torch.tensor([0.1739274, 0.3260726, 0.3260726, 0.1739274])
+"""Nodes and weights of Gauss and Legendre's quadrature on [0, 1], exact for squared accelerations
+of quintics."""
+
+
+def quintic(
+    way: Tensor, velocity: Tensor, acceleration: Tensor, final: Tensor, time_s: Tensor
+) -> Tensor:
+    """(..., 3, 6) coefficients of the minimum-jerk movement, of powers of the time in s.
+
+    Its position is measured from the hand (Flash and Hogan 1985).
+
+    Args:
+        way: (..., 3) to the goal, m.
+        velocity: (..., 3) of the hand, m/s.
+        acceleration: (..., 3) of the hand, m/s^2.
+        final: (..., 3) velocity at the goal, m/s.
+        time_s: (...) until it is there; the acceleration is 0 then.
+    """
+    t = time_s[..., None]
+    far = way - velocity * t - 0.5 * acceleration * t**2
+    fast = (final - velocity - acceleration * t) * t
+    push = -acceleration * t**2
+    third = (10.0 * far - 4.0 * fast + 0.5 * push) / t**3
+    fourth = (-15.0 * far + 7.0 * fast - push) / t**4
+    fifth = (6.0 * far - 3.0 * fast + 0.5 * push) / t**5
+    parts = [torch.zeros_like(far), velocity, 0.5 * acceleration, third, fourth, fifth]
+    return torch.stack([part.expand_as(far) for part in parts], -1)
+
+
+def moved(coefficients: Tensor, time_s: Tensor, order: int) -> Tensor:
+    """(..., 3) derivative of quintics (..., 3, 6) of an order at times (...)."""
+    powers = range(order, 6)
+    scale = [float(np.prod(range(k - order + 1, k + 1))) for k in powers]
+    terms = torch.stack([f * time_s ** (k - order) for f, k in zip(scale, powers, strict=True)], -1)
+    return (coefficients[..., order:] * terms[..., None, :]).sum(-1)
+
+
+def duration(
+    way: Tensor,
+    velocity: Tensor,
+    acceleration: Tensor,
+    goals: MotorGoals,
+    noise: Tensor,
+    effort: Tensor,
+) -> Tensor:
+    """(B, H) best durations of movements, s: their cost is of time, effort and misses.
+
+    Args:
+        noise: (B, 1) the persons' factors on motor noise.
+        effort: (B, 1) their factors on the cost of effort.
+    """
+    t = _DURATIONS_S.expand(*way.shape[:-1], -1)
+    state = (each[..., None, :] for each in (way, velocity, acceleration, goals.velocity))
+    path = quintic(*state, t)
+    at = _NODES * t[..., None]
+    pushes = moved(path[..., None, :, :], at, 2).square().sum(-1)
+    work = t * (_GAUSS * pushes).sum(-1)
+    mean = way.norm(dim=-1, keepdim=True) / t
+    spread = noise[..., None] * (PLAN.least_m + PLAN.noise_s * mean)
+    misses = torch.exp(-0.5 * (0.5 * goals.width[..., None] / spread).square())
+    cost = PLAN.time * t + PLAN.effort * effort[..., None] * work + PLAN.miss * misses
+    return _DURATIONS_S[cost.argmin(-1)]
 
 
 _MOMENT_RAD = 1e-3
@@ -258,6 +268,7 @@ class InverseSettings:
         limit: weight of this return at the ends of the ranges, relative to the middle.
         effort: cost of the sum of squared controls, weighted by muscle volume.
         change: cost of the sum of squared changes of activation.
+        passes: number of times that the body is made linear, the first time at the present.
     """
 
     velocity_mps: float = 0.01
@@ -266,6 +277,7 @@ class InverseSettings:
     limit: float = 3.0
     effort: float = 0.2
     change: float = 0.1
+    passes: int = 2
 
 
 class InverseModel:
@@ -286,7 +298,7 @@ class InverseModel:
         shares: Tensor,
         settings: InverseSettings,
     ) -> None:
-        self._model, self._shares, self._settings = model, shares, settings
+        self._model, self._shares, self.settings = model, shares, settings
         self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
 
     def velocities(self, motion: Motion, tip: Tensor) -> tuple[Tensor, Tensor]:
@@ -326,26 +338,28 @@ class InverseModel:
             bias: (B, J) what the forward model has got wrong of joint speeds lately, rad/s.
             seen: (B, H, 3, 3) what of the points' velocities is wanted; None: all of it.
         """
-        start, costs = now.drives.detach(), self._settings
-        after, by_control = self._after(now, start)
-        then = Motion(after.angles, after.speeds + bias, start, now.persons)
-        _, jacobian = self.jacobian(then, tip)
-        jacobian = jacobian if seen is None else seen @ jacobian
-        weight = (active / costs.velocity_mps)[..., None]
-        reached = (jacobian @ then.speeds[:, None, :, None])[..., 0]
+        costs, start = self.settings, now.drives.detach()
         back = costs.return_hz * (self._middle - now.angles)
         away = ((now.angles - self._middle) / self._half).clamp(-1.2, 1.2)
         counts = (1.0 + (costs.limit - 1.0) * away**6) / costs.speed_radps
-        wrong = torch.cat(
-            [((velocity - reached) * weight).flatten(1), (back - then.speeds) * counts],
-            1,
-        )
-        moved = (jacobian * weight[..., None]).flatten(1, 2) @ by_control
-        rows = torch.cat([moved, by_control * counts[..., None]], 1)
-        effort = costs.effort * self._shares
-        square = rows.transpose(1, 2) @ rows + torch.diag(effort + costs.change)
-        pull = (rows.transpose(1, 2) @ wrong[..., None])[..., 0] - effort * start
-        return _within_range(square, pull, start)
+        weight = (active / costs.velocity_mps)[..., None]
+        effort, controls = costs.effort * self._shares, start
+        for _ in range(costs.passes):
+            after, by_control = self._after(now, controls)
+            then = Motion(after.angles, after.speeds + bias, start, now.persons)
+            _, jacobian = self.jacobian(then, tip)
+            jacobian = jacobian if seen is None else seen @ jacobian
+            reached = (jacobian @ then.speeds[:, None, :, None])[..., 0]
+            wrong = torch.cat(
+                [((velocity - reached) * weight).flatten(1), (back - then.speeds) * counts], 1
+            )
+            moved = (jacobian * weight[..., None]).flatten(1, 2) @ by_control
+            rows = torch.cat([moved, by_control * counts[..., None]], 1)
+            square = rows.transpose(1, 2) @ rows + torch.diag(effort + costs.change)
+            pull = (rows.transpose(1, 2) @ wrong[..., None])[..., 0]
+            pull = pull - effort * controls - costs.change * (controls - start)
+            controls = _within_range(square, pull, controls)
+        return controls
 
     def _after(self, now: Motion, start: Tensor) -> tuple[Motion, Tensor]:
         """Motion after a user step with controls (B, A), and (B, J, A) its speeds by the controls.
@@ -382,13 +396,10 @@ def _within_range(square: Tensor, pull: Tensor, start: Tensor) -> Tensor:
     return (start + change).clamp(0.0, 1.0)
 
 
-Rule = Callable[[Tensor, Tensor], Tensor]
-"""(B, H, 3) velocities wanted, by the ways to the goals and by the hands' velocities."""
-
 _ADAPTS = 0.3
 """Share of the forward model's last error by which its correction changes, per user step."""
 
-_REMEMBERED = ("_did", "_bias", "_new", "_fresh", "velocity", "wanted")
+_REMEMBERED = ("_did", "_bias", "_new", "_fresh", "left_s", "_pushed", "velocity", "wanted")
 """Tensors that users remember from one user step to the next."""
 
 
@@ -398,7 +409,6 @@ class HumanMotorPolicy(nn.Module):
     Args:
         body: the body model that persons share.
         persons: representation of persons in tensors.
-        width: size of the hidden layers of the policy in Cartesian space.
         body_width: size of the forward model's hidden layers.
         perception: arguments of :class:`GoalPerception`, the errors in perceived goals.
     """
@@ -409,19 +419,17 @@ class HumanMotorPolicy(nn.Module):
         step_s: float,
         persons: ImaginedPersons,
         *,
-        width: int = 64,
         body_width: int = 128,
         perception: Mapping[str, float] | None = None,
     ) -> None:
         super().__init__()
         self.body, self.step_s, self.hands = body, step_s, held(body.devices)
-        self.persons, self.width, self.body_width = persons, width, body_width
+        self.persons, self.body_width = persons, body_width
         self._misjudged = dict(perception or {})
         self.forward_model = BodyModel(
             body, self.hands, step_s, width=body_width, persons=persons
         ).requires_grad_(False)
         self.drives = self.forward_model.drives
-        self.hand_policy = HandPolicy(width)
         low, high = torch.tensor(body.joint_ranges.T.copy()).float()
         shares = torch.ones(self.drives.count)
         if len(self.drives.muscles):
@@ -467,7 +475,6 @@ class HumanMotorPolicy(nn.Module):
             "joints": list(self.body.independent_joints),
             "hands": list(self.hands),
             "step_s": self.step_s,
-            "width": self.width,
             "body_width": self.body_width,
             "people": True,
             "perception": self._misjudged,
@@ -487,16 +494,13 @@ def people_policy(
     user: UserConfig,
     step_s: float,
     *,
-    width: int = 64,
     body_width: int = 128,
     perception: Mapping[str, float] | None = None,
 ) -> HumanMotorPolicy:
     """Return an untrained policy for the persons of a configuration."""
     env = ResolvedEnv.of_user(user)
     persons = ImaginedPersons(env)
-    return HumanMotorPolicy(
-        env.body, step_s, persons, width=width, body_width=body_width, perception=perception
-    )
+    return HumanMotorPolicy(env.body, step_s, persons, body_width=body_width, perception=perception)
 
 
 class HumanHands:
@@ -523,6 +527,10 @@ class HumanHands:
         """(N,) True for users that have not yet sensed a movement of their own."""
         self.velocity = torch.zeros(n, len(policy.hands), 3)
         """Velocities that hands were believed to have when they were chosen, m/s."""
+        self.left_s = torch.zeros(n, len(policy.hands))
+        """Time until the hands are at their goals, s; below 0: since then."""
+        self._pushed = torch.zeros_like(self.velocity)
+        """Planned accelerations at the end of the last user step, m/s^2."""
         self.wanted = torch.zeros_like(self.velocity)
         """Velocities that hands were to have at the end of the last user step, m/s."""
 
@@ -536,7 +544,8 @@ class HumanHands:
 
     def forget(self, ids: Sequence[int] | NDArray[np.int64]) -> None:
         """Reset users (K,) for new episodes; their first posture is known."""
-        self._new[torch.as_tensor(ids, dtype=torch.long)] = True
+        rows = torch.as_tensor(ids, dtype=torch.long)
+        self._new[rows], self.left_s[rows], self._pushed[rows] = True, torch.nan, 0.0
 
     def state_dict(self) -> dict[str, Any]:
         """Return what the users have felt and done."""
@@ -557,6 +566,7 @@ class HumanHands:
 
     def aim_anew(self, ids: Tensor, far: Tensor) -> None:
         """Set new goals of users (K,), at distances (K, H) from their hands."""
+        self.left_s[ids] = torch.nan
         if self.perception is not None and len(ids):
             self.perception.forget(ids, far)
 
@@ -571,14 +581,11 @@ class HumanHands:
         )
         return Motion(*(torch.from_numpy(np.asarray(part)).float() for part in parts))
 
-    def act(
-        self, now: Motion, goals: HumanGoals, rule: Rule | None = None
-    ) -> tuple[NDArray[np.float32], Tensor]:
-        """(N, A) actions of a user step, and (N, H) probabilities that movements are over.
+    def act(self, now: Motion, goals: MotorGoals) -> tuple[NDArray[np.float32], Tensor]:
+        """(N, A) actions of a user step, and (N, H) 1 for hands whose movement is over.
 
         Args:
             now: the true motion; users feel it a user step later.
-            rule: what chooses velocities in the place of the policy.
         """
         policy = self.policy
         with torch.no_grad():
@@ -614,11 +621,8 @@ class HumanHands:
             noise = policy.persons.motor_noise(now.persons)
             effort = policy.persons.effort(now.persons)
             assert isinstance(noise, Tensor) and isinstance(effort, Tensor)
-            self.wanted, over = policy.hand_policy(
-                way, velocity, goals, noise, effort[:, None] / self.vigour
-            )
-            if rule is not None:
-                self.wanted = rule(way, velocity)
+            ahead, over = self._plan(way, velocity, goals, noise, effort[:, None] / self.vigour)
+            self.wanted = ahead
             rows = None if turning is None else turning.rows
             if turning is not None:
                 self.wanted = turning.taken(self.wanted, velocity)
@@ -628,4 +632,27 @@ class HumanHands:
             done = policy.drives.actions(believed.drives.numpy(), controls.numpy())
             self._did = torch.from_numpy(done).float()
             self._felt, self._new = now, torch.zeros_like(self._new)
-        return self._did.numpy(), torch.sigmoid(over)
+        return self._did.numpy(), over
+
+    def _plan(
+        self, way: Tensor, velocity: Tensor, goals: MotorGoals, noise: Tensor, effort: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """(B, H, 3) velocities wanted at the end of the user step, and (B, H) ends, 0 or 1."""
+        step_s, passes = self.policy.step_s, goals.velocity.abs().sum(-1) > 0.0
+        best = duration(way, velocity, self._pushed, goals, noise, effort)
+        far = way.norm(dim=-1)
+        outside = (far > 0.5 * goals.width) & ~passes
+        done = torch.where(passes, self.left_s <= -PLAN.follow_s, outside & (self.left_s <= 0.0))
+        lag = torch.relu(best - self.left_s) * ~passes
+        later = self.left_s + PLAN.extends * lag
+        left = torch.where(self.left_s.isnan() | done, best, later)
+        over = ((left <= 0.5 * step_s) & ~passes & (far < 0.5 * goals.width)).float()
+        # Late errors are corrected beyond the goal.
+        time_s = left.clamp(min=PLAN.shortest_s)
+        beyond = (time_s - left)[..., None] * goals.velocity
+        path = quintic(way + beyond, velocity, self._pushed, goals.velocity, time_s)
+        at = torch.minimum(torch.tensor(step_s), time_s)
+        ahead, self._pushed = moved(path, at, 1), moved(path, at, 2)
+        self.left_s = left - step_s
+        gain = torch.where(passes | (goals.rays > 0.0), 1.0, PLAN.gain)[..., None]
+        return velocity + gain * (ahead - velocity), over

@@ -99,7 +99,6 @@ def load_human_policy(file: Path, user: UserConfig, step_s: float) -> HumanMotor
     policy = people_policy(
         user,
         step_s,
-        width=header["width"],
         body_width=header["body_width"],
         perception=header["perception"],
     )

@@ -13,7 +13,6 @@ from torch import Tensor, nn
 from sim2vr_harness.policies.hierarchical.human_motor import (
     RECOGNITION_S,
     SAME_M,
-    HumanGoals,
     HumanHands,
     HumanMotorPolicy,
     far_off,
@@ -164,12 +163,11 @@ class PersonPolicy(HierarchicalPolicy):
     def _drive(self, moment: Moment, goals: MotorGoals, memory: Memory) -> NDArray[np.float32]:
         assert isinstance(memory, PersonMemory)
         memory.decided += 1
-        wanted = HumanGoals.of(goals)
         moved = (goals.place - memory.goal).flatten(1).norm(dim=1) > SAME_M
         users = torch.nonzero(moved).flatten()
-        memory.bodies.aim_anew(users, far_off(wanted, moment.placed[0])[users])
+        memory.bodies.aim_anew(users, far_off(goals, moment.placed[0])[users])
         memory.goal = goals.place.clone()
-        return memory.bodies.act(moment.motion, wanted)[0]
+        return memory.bodies.act(moment.motion, goals)[0]
 
 
 def _differs(after: OptionChoice, before: OptionChoice) -> NDArray[np.bool_]:

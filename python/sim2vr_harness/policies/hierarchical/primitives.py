@@ -89,10 +89,8 @@ class Manner:
 MEASURED = Manner(by_width=True)
 """Parameters for the measured body, which is trained before the persons."""
 PERSONS = Manner(
-    push_mps=3.0,
-    swing_mps=2.0,
-    run_up_m=0.2,
-    slowest=0.15,
+    push_mps=1.3,
+    swing_mps=1.3,
     by_hand=True,
     by_width=True,
     turns_rays=True,
@@ -343,7 +341,8 @@ class PrimitiveController:
             goals.tip = torch.where(pushes, torch.zeros(()), goals.tip)
             hand_velocity = torch.where(pushes, (later - hand) / MOMENT_S, hand_velocity)
             now, velocity = torch.where(pushes, hand, hand_now), hand_velocity
-        self._run_up(goals, now, velocity)
+        if not manner.by_hand:
+            self._run_up(goals, now, velocity)
         way = goals.place - now
         far = way.norm(dim=-1)
         closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)

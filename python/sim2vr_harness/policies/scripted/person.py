@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from sim2vr_harness.policies.hierarchical.human_motor import (
     REFERENCE_M,
     SAME_M,
-    HumanGoals,
     HumanHands,
     far_off,
 )
-from sim2vr_harness.policies.hierarchical.motor_policy import WIDTH_M, WIDTHS_M
+from sim2vr_harness.policies.hierarchical.motor_policy import WIDTH_M, WIDTHS_M, MotorGoals
 from sim2vr_harness.policies.hierarchical.motor_store import human_policy_for
 from sim2vr_harness.policies.scripted.hand import By, Hand, turned
 
@@ -168,9 +167,9 @@ class PersonMotor:
                 hand.over, hand.new = bool(over[i, side] > limit), False
         return np.concatenate(actions)
 
-    def _goals(self, hands: Sequence[PersonHand]) -> HumanGoals:
+    def _goals(self, hands: Sequence[PersonHand]) -> MotorGoals:
         """Return the goals of a part's persons; hands that go for nothing rest."""
-        goals = HumanGoals.none(_TOGETHER, len(self.policy.hands))
+        goals = MotorGoals.none(_TOGETHER, len(self.policy.hands))
         for i, hand in enumerate(hands):
             if hand.place is not None:
                 side = self.policy.hands.index(hand.device)

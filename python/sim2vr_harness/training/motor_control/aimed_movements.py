@@ -23,11 +23,7 @@ from scipy.signal import find_peaks
 
 from sim2vr_harness.envs.config import UserConfig, motor_noise
 from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS
-from sim2vr_harness.policies.hierarchical.human_motor import (
-    HumanGoals,
-    HumanHands,
-    HumanMotorPolicy,
-)
+from sim2vr_harness.policies.hierarchical.human_motor import HumanHands, HumanMotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals, MotorPolicy
 from sim2vr_harness.statistics.fitts import effective_bits, fit_line
 from sim2vr_harness.training.motor_control.people_training import Bodies
@@ -368,7 +364,7 @@ class _PeoplesCourse(_Course):
     def _act(
         self, place: FloatArray, width_m: float, left_s: float
     ) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
-        goals = HumanGoals.none(self._n, len(self._policy.hands))
+        goals = MotorGoals.none(self._n, len(self._policy.hands))
         goals.active[:, 0] = 1.0
         goals.width[:, 0] = width_m
         goals.place[:, 0] = torch.from_numpy(place).float()

@@ -1,8 +1,7 @@
-"""The training of a human motor policy: a forward model of the body, and feedback in space.
+"""The training of a human motor policy: a forward model of the body.
 
 In each cycle virtual participants move, at first at random and then to goals, and the forward
-model is fitted to their movements. Then the policy in space learns with the noise and delays of
-people.
+model is fitted to their movements.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,232 +11,20 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
 from sim2vr_harness.base.state import State
 from sim2vr_harness.envs.config import UserConfig, motor_noise
 from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.policies.hierarchical.goal_sampler import off_goal
 from sim2vr_harness.policies.hierarchical.human_motor import (
-    GoalPerception,
-    HandPolicy,
-    HumanGoals,
     HumanHands,
     people_policy,
 )
-from sim2vr_harness.policies.hierarchical.motor_policy import INSIDE, tips
+from sim2vr_harness.policies.hierarchical.motor_policy import INSIDE, MotorGoals, tips
 from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
-
-
-@dataclass(frozen=True)
-class ReachSettings:
-    """Movements that the policy in space learns with; the same for all bodies and apps."""
-
-    hands: int = 512
-    """Movements of a batch."""
-    steps: int = 40
-    """User steps after which a movement is given up."""
-    stop: float = 0.55
-    """Proportion of movements that stop in the target."""
-    select: float = 0.2
-    """Proportion that end in the target at any speed; the others pass it at a given velocity."""
-    distances_m: tuple[float, float] = (0.03, 0.7)
-    widths_m: tuple[float, float] = (0.01, 0.12)
-    pass_mps: tuple[float, float] = (0.3, 3.0)
-    """Speeds of those that pass."""
-    moving: float = 0.3
-    """Proportion of movements that begin while the hand moves."""
-    moving_mps: float = 0.4
-    """Standard deviation of its velocity then, along each axis."""
-    jumps_hz: float = 0.3
-    """Rate at which targets jump."""
-    jump_m: float = 0.05
-    """Standard deviation of a jump, along each axis."""
-    still_mps: float = 0.15
-    """Error of a velocity that a stop tolerates (one standard deviation)."""
-    like: float = 0.4
-    """The same of a hand that passes, as a proportion of the wanted speed."""
-    slack_mps: float = 0.3
-    """Added to that."""
-    edge: float = 0.12
-    """Softness of a target's edge, as a proportion of its width."""
-    learning_rate: float = 2e-3
-    max_grad_norm: float = 1.0
-
-
-SETTINGS = ReachSettings()
-
-
-@dataclass(frozen=True)
-class Execution:
-    """Accuracy with which hands execute a desired change of velocity, per user step.
-
-    Measured in reaches of ``mobl_arms_wrist`` (docs/evidence/people.md). Of the error that grows
-    with the change of velocity, half is assumed to be noise. The other half is the same for a
-    person and a posture, and is adapted to.
-
-    Attributes:
-        gain: proportion of a desired change of velocity that happens within the user step.
-        constant_mps: standard deviation of the velocity beside that, along each axis.
-        change: the same, as a proportion of the desired change of velocity.
-        speed: the same, as a proportion of the velocity.
-        kept: correlation of the error from one user step to the next.
-    """
-
-    gain: float = 0.76
-    constant_mps: float = 0.014
-    change: float = 0.14
-    speed: float = 0.01
-    kept: float = 0.5
-
-
-def ending(way: Tensor, velocity: Tensor, goals: HumanGoals) -> tuple[Tensor, Tensor, Tensor]:
-    """Return success (0 to 1), position and velocity error (m, m/s) of movement ends, (B, H).
-
-    Args:
-        way: (B, H, 3) from the hands to their goals, m.
-        velocity: (B, H, 3) of the hands, m/s.
-        goals: the goals of the movements.
-    """
-    through = goals.velocity.square().sum(-1).add(1e-6).sqrt()
-    passes = (through > 2e-3).float()
-    off = off_goal(-way, goals.velocity)
-    wrong = (velocity - goals.velocity).square().sum(-1).add(1e-6).sqrt() * (goals.stops + passes)
-    inside = torch.sigmoid((0.5 * goals.width - off) / (SETTINGS.edge * goals.width))
-    slack = torch.where(
-        passes > 0.0, SETTINGS.like * through + SETTINGS.slack_mps, SETTINGS.still_mps
-    )
-    return inside * torch.exp(-0.5 * (wrong / slack).square()), off, wrong
-
-
-def train_hand_policy(
-    policy: HandPolicy,
-    config: PeopleTraining,
-    execution: Execution,
-    step_s: float,
-    *,
-    updates: int,
-    seed: int,
-    on_progress: Callable[[float], None] = lambda share: None,
-) -> float:
-    """Train a policy in space.
-
-    Args:
-        policy: changed.
-        config: rewards, costs and perception.
-
-    Returns:
-        The mean worth of a movement in the last tenth of the updates.
-    """
-    optimizer = torch.optim.Adam(policy.parameters(), lr=SETTINGS.learning_rate)
-    worth: list[float] = []
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        for update in range(updates):
-            on_progress(update / updates)
-            rate = SETTINGS.learning_rate * min(1.0, 2.0 * (1.0 - update / updates)) + 1e-5
-            for group in optimizer.param_groups:
-                group["lr"] = rate
-            reward = _Reaches(policy, config, execution, step_s).worth()
-            optimizer.zero_grad()
-            (-reward).backward()  # type: ignore[no-untyped-call]
-            norm = nn.utils.clip_grad_norm_(policy.parameters(), SETTINGS.max_grad_norm)
-            if torch.isfinite(norm):
-                optimizer.step()
-            worth.append(float(reward.detach()))
-    last = worth[-max(1, updates // 10) :]
-    return sum(last) / len(last)
-
-
-class _Reaches:
-    """A batch of movements, from their beginning to their ends."""
-
-    def __init__(
-        self,
-        policy: HandPolicy,
-        config: PeopleTraining,
-        execution: Execution,
-        step_s: float,
-    ) -> None:
-        self._policy, self._config, self._how, self._step_s = policy, config, execution, step_s
-        count = (SETTINGS.hands, 1)
-        self._goals = HumanGoals.none(SETTINGS.hands, 1)
-        goals, kind = self._goals, torch.rand(count)
-        direction = _directions()
-        self._way = _between(SETTINGS.distances_m, log=True)[..., None] * direction
-        goals.width = _between(SETTINGS.widths_m, log=True)
-        goals.stops = (kind < SETTINGS.stop).float()
-        onwards = nn.functional.normalize(direction + 0.8 * _directions(), dim=-1)
-        speed = _between(SETTINGS.pass_mps) * (kind >= SETTINGS.stop + SETTINGS.select)
-        goals.velocity = speed[..., None] * onwards
-        moving = (torch.rand(count) < SETTINGS.moving).float()
-        self._velocity = (SETTINGS.moving_mps * moving)[..., None] * torch.randn(*count, 3)
-        self._noise = (0.12 * torch.randn(count)).exp()
-        self._effort = (0.5 * torch.randn(count)).exp()
-        self._error = torch.zeros(*count, 3)
-        """Of the velocity reached in the last user step, m/s; not known yet."""
-        self._seen = GoalPerception(SETTINGS.hands, 1, step_s, **config.perception)  # type: ignore[arg-type]
-        self._seen.forget(torch.arange(SETTINGS.hands), self._way.norm(dim=-1))
-
-    def worth(self) -> Tensor:
-        """Mean expected reward of the movements."""
-        config, alive, total = (
-            self._config,
-            torch.ones(SETTINGS.hands, 1),
-            torch.zeros(SETTINGS.hands, 1),
-        )
-        for _ in range(SETTINGS.steps):
-            over, cost = self._step()
-            hazard = torch.sigmoid(over)
-            succeeds, off, wrong = ending(self._way, self._velocity, self._goals)
-            ends = config.success_reward * succeeds - config.miss_cost * (1.0 - succeeds)
-            ends = ends - config.distance_cost * ((off.square() + 1e-4).sqrt() - 0.01)
-            ends = ends - 0.1 * config.success_reward * wrong
-            runs = -self._step_s * config.time_cost - cost
-            total = total + alive * (runs + hazard * ends)
-            alive = alive * (1.0 - hazard)
-        total = total + alive * (ends - config.miss_cost)
-        return total.mean()
-
-    def _step(self) -> tuple[Tensor, Tensor]:
-        """Advance by a user step: logits of ends, and the cost of effort."""
-        how, step_s = self._how, self._step_s
-        believed = self._velocity - self._error.detach()
-        way = self._way + 0.5 * step_s * self._error.detach() + self._seen.error()
-        wanted, over = self._policy(way, believed, self._goals, self._noise, self._effort)
-        change = wanted - believed
-        cost = self._config.effort_cost * step_s * (change / step_s).square().sum(-1)
-        size = self._noise * (
-            how.constant_mps + how.change * _length(change) + how.speed * _length(believed)
-        )
-        fresh = (1.0 - how.kept**2) ** 0.5
-        error = how.kept * self._error + fresh * size[..., None] * torch.randn_like(wanted)
-        before, self._error = self._velocity, error
-        self._velocity = believed + how.gain * change + error
-        self._way = self._way - 0.5 * step_s * (before + self._velocity)
-        jumps = (torch.rand(SETTINGS.hands, 1, 1) < SETTINGS.jumps_hz * step_s).float()
-        self._way = self._way + SETTINGS.jump_m * jumps * torch.randn_like(wanted)
-        self._seen.look(self._way.detach().norm(dim=-1))
-        return over, self._effort * cost
-
-
-def _length(vectors: Tensor) -> Tensor:
-    """Return lengths (B, H) with finite gradients."""
-    return vectors.square().sum(-1).add(1e-6).sqrt()
-
-
-def _directions() -> Tensor:
-    return nn.functional.normalize(torch.randn(SETTINGS.hands, 1, 3), dim=-1)
-
-
-def _between(bounds: tuple[float, float], *, log: bool = False) -> Tensor:
-    low, high = torch.tensor(bounds).log() if log else torch.tensor(bounds)
-    drawn = low + (high - low) * torch.rand(SETTINGS.hands, 1)
-    return drawn.exp() if log else drawn
-
 
 _KEPT, _RETURN, _SIZES = (0.0, 0.6, 0.9), 0.3, (0.05, 0.7)
 """Of random actions: how much lasts from one user step to the next, return to rest, and their
@@ -247,7 +34,8 @@ _RANDOM_STEPS, _GOAL_STEPS = 20, 24
 _EXPLORES = 0.05
 """Noise on the actions to goals, so that the model is fitted to more than is usual."""
 _TOOL_SHARES, _TOOLS_M = 0.5, (0.05, 0.4)
-_REACH_MPS = (0.2, 2.0)
+_PASSES, _PASS_MPS = 0.5, 1.0
+"""Proportion of goals that hands pass, and the standard deviation of their velocity per axis."""
 _ARMS = 1024
 """Arms in a minibatch of the forward model: two arms of a body share one model."""
 
@@ -332,7 +120,6 @@ class PeopleTrainer(State):
             self.policy = people_policy(
                 user,
                 step_s,
-                width=config.width,
                 body_width=config.body_width,
                 perception=config.perception,
             )
@@ -346,7 +133,7 @@ class PeopleTrainer(State):
         return self.cycle >= self.config.cycles
 
     def step(self, on_progress: Callable[[str, float], None] = lambda doing, share: None) -> Any:
-        """Run a cycle; the last one ends with the training of the policy in space.
+        """Run a cycle.
 
         Returns:
             Results of the cycle.
@@ -376,16 +163,6 @@ class PeopleTrainer(State):
             )
             model_m = found["place_m"]
             self.cycle += 1
-            if self.finished:
-                train_hand_policy(
-                    self.policy.hand_policy,
-                    self.config,
-                    Execution(),
-                    self.policy.step_s,
-                    updates=self.config.updates,
-                    seed=self._seed,
-                    on_progress=lambda share: on_progress("learning to reach", share),
-                )
         return PeopleCycle(self.cycle, model_m, collected.velocity_mps)
 
     # --- exact resume ------------------------------------------------------------------------
@@ -409,7 +186,7 @@ class _Collection:
         self._policy, self._bodies, self._rng = trainer.policy, trainer._bodies, rng
         self._n, self._hands = self._bodies.n, HumanHands(trainer.policy, self._bodies.n)
         self._tip = torch.zeros(self._n, len(self._policy.hands), 3)
-        self._goal, self._mps = torch.zeros_like(self._tip), torch.ones(self._n, 1, 1)
+        self._goal, self._final = torch.zeros_like(self._tip), torch.zeros_like(self._tip)
         self._rows: list[tuple[Tensor, ...]] = []
         """Changes of velocity wanted, velocities, and changes that happened, (K, 3)."""
 
@@ -472,7 +249,7 @@ class _Collection:
         self._aim(ids)
 
     def _aim(self, ids: NDArray[np.int64]) -> None:
-        """Give persons (K,) goals on the way to other postures, at other speeds."""
+        """Give persons (K,) goals on the way to other postures, to stop at or to pass."""
         body, rng, policy = self._bodies.body, self._rng, self._policy
         low, high = body.joint_ranges.T
         rows = torch.from_numpy(ids)
@@ -484,26 +261,19 @@ class _Collection:
         with torch.no_grad():
             placed = policy.forward_model.places(angles, now.persons)
         self._goal[rows] = tips(placed, self._tip[rows])
-        low_mps, high_mps = np.log(_REACH_MPS)
-        speed = np.exp(rng.uniform(low_mps, high_mps, (len(ids), 1, 1)))
-        self._mps[rows] = torch.from_numpy(speed).float()
+        final = _PASS_MPS * rng.standard_normal((len(ids), len(policy.hands), 3))
+        final *= rng.random((len(ids), 1, 1)) < _PASSES
+        self._final[rows] = torch.from_numpy(final).float()
 
     def _to_goals(self, now: Motion) -> NDArray[np.float64]:
-        """Return (N, A) actions of a simple rule in space, used before reaching is learned."""
-        goals = HumanGoals.none(self._n, len(self._policy.hands))
-        goals.tip, goals.place = self._tip, self._goal
+        """Return (N, A) actions towards the goals."""
+        goals = MotorGoals.none(self._n, len(self._policy.hands))
+        goals.tip, goals.place, goals.velocity = self._tip, self._goal, self._final
         goals.active = torch.ones_like(goals.active)
         again = np.flatnonzero(self._rng.random(self._n) < 0.08)
         if len(again):
             self._aim(again)
-        mps = self._mps
-
-        def straight(way: Tensor, velocity: Tensor) -> Tensor:
-            far = way.norm(dim=-1, keepdim=True)
-            wanted = way / (far + 1e-3) * torch.minimum(mps, 5.0 * far)
-            return velocity + 0.35 * (wanted - velocity)
-
-        actions, _ = self._hands.act(now, goals, rule=straight)
+        actions, _ = self._hands.act(now, goals)
         return actions.astype(np.float64)
 
     @property

@@ -15,15 +15,17 @@ from sim2vr_harness.envs.people_preset import as_population
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.policies.hierarchical.human_motor import (
     GoalPerception,
-    HumanGoals,
     HumanHands,
     HumanMotorPolicy,
     InverseModel,
     InverseSettings,
     _within_range,
+    duration,
+    moved,
     people_policy,
+    quintic,
 )
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals, MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
     load_human_policy,
     load_motor_layer,
@@ -42,7 +44,7 @@ def user() -> UserConfig:
 @pytest.fixture(scope="module")
 def policy(user: UserConfig) -> HumanMotorPolicy:
     torch.manual_seed(3)
-    return people_policy(user, STEP_S, width=16, body_width=8).requires_grad_(False)
+    return people_policy(user, STEP_S, body_width=8).requires_grad_(False)
 
 
 def persons(policy: HumanMotorPolicy, user: UserConfig) -> torch.Tensor:
@@ -60,8 +62,8 @@ def motion(policy: HumanMotorPolicy, user: UserConfig, seed: int) -> Motion:
     return Motion(*values, persons(policy, user))
 
 
-def goals(policy: HumanMotorPolicy) -> HumanGoals:
-    made = HumanGoals.none(USERS, 1)
+def goals(policy: HumanMotorPolicy) -> MotorGoals:
+    made = MotorGoals.none(USERS, 1)
     made.place[..., 0], made.place[..., 2] = 0.4, 1.2
     made.active += 1.0
     return made
@@ -89,6 +91,40 @@ def test_goals_are_misjudged_by_the_distance_seen_late() -> None:
     for distance, expected in ((near, 0.022), (near, 0.022), (near, 0.022), (near, 0.007)):
         assert float(seen.error().std()) == pytest.approx(expected, rel=0.05)
         seen.look(distance)
+
+
+def test_movements_are_of_minimum_jerk() -> None:
+    """0.3 m in 0.6 s: half the way and 1.875 times the mean speed in the middle.
+
+    Squared accelerations sum up to 120/7 D^2/T^3. A hand that passes arrives at its velocity.
+    """
+    way, rest = torch.tensor([0.3, 0.0, 0.0]), torch.zeros(3)
+    time_s = torch.tensor(0.6)
+    path = quintic(way, rest, rest, rest, time_s)
+    assert float(moved(path, torch.tensor(0.3), 0)[0]) == pytest.approx(0.15, abs=1e-6)
+    assert float(moved(path, torch.tensor(0.3), 1)[0]) == pytest.approx(1.875 * 0.5, abs=1e-5)
+    fine = torch.linspace(0.0, 0.6, 2001)
+    work = float(torch.trapezoid(moved(path.expand(2001, 3, 6), fine, 2)[:, 0].square(), fine))
+    assert work == pytest.approx(120.0 / 7.0 * 0.3**2 / 0.6**3, rel=1e-3)
+    final = torch.tensor([0.0, 1.3, 0.0])
+    passes = quintic(way, final, way, final, time_s)
+    for order, expected in enumerate((way, final, torch.zeros(3))):
+        torch.testing.assert_close(moved(passes, time_s, order), expected, atol=1e-5, rtol=0.0)
+
+
+def test_durations_follow_from_costs() -> None:
+    """Wide targets: (3 * 120/7 * 0.15/7 D^2)^(1/4), 0.45 and 0.64 s; small ones take longer.
+
+    A fourth of the effort's weight shortens movements by the root of 2.
+    """
+    goals, rest = MotorGoals.none(4, 1), torch.zeros(4, 1, 3)
+    goals.width[:] = torch.tensor([[0.5], [0.5], [0.02], [0.5]])
+    way = torch.tensor([0.2, 0.4, 0.4, 0.4])[:, None, None] * torch.tensor([1.0, 0.0, 0.0])
+    effort = torch.tensor([[1.0], [1.0], [1.0], [0.25]])
+    wide, far, narrow, eager = duration(way, rest, rest, goals, torch.ones(4, 1), effort)[:, 0]
+    assert [float(wide), float(far)] == pytest.approx([0.458, 0.648], abs=0.03)
+    assert float(narrow) > float(far) + 0.2
+    assert float(eager) == pytest.approx(0.648 / 2.0**0.5, abs=0.03)
 
 
 def test_commands_are_the_cheapest_between_nothing_and_all() -> None:

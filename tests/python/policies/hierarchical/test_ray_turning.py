@@ -7,9 +7,9 @@ import torch
 
 from sim2vr_harness.policies.hierarchical.human_motor import (
     REFERENCE_M,
-    HumanGoals,
     Turning,
 )
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorGoals
 
 
 def test_a_ray_s_way_is_its_angle_and_what_is_along_it_does_not_count() -> None:
@@ -17,7 +17,7 @@ def test_a_ray_s_way_is_its_angle_and_what_is_along_it_does_not_count() -> None:
 
     The second hand reaches, and nothing changes for it.
     """
-    goals = HumanGoals.none(1, 2)
+    goals = MotorGoals.none(1, 2)
     goals.rays[0, 0] = 1.0
     goals.place[0] = torch.tensor([[0.0, 2.0, 0.0], [0.3, 0.4, 0.0]])
     hand, tip = torch.zeros(1, 2, 3), torch.tensor([[[2.0, 0.0, 0.0], [0.1, 0.0, 0.0]]])

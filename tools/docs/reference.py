@@ -402,8 +402,10 @@ def measures_page() -> str:
         parts.append(
             rows("Condition, Content", [(c.name, c.description) for c in facts.conditions])
         )
-        found = [(f"`{m.name}`", m.unit, m.label, m.description) for m in facts.measures]
-        parts.append(rows("Measure, Unit, Label, Meaning", found) if found else "")
+        found = [
+            (f"`{m.name}`", m.unit, m.better, m.description or m.label) for m in facts.measures
+        ]
+        parts.append(rows("Measure, Unit, Better, Meaning", found) if found else "")
         options = [(f"`{o.name}`", o.type, shown(o.default), o.range) for o in list_options(game)]
         parts.append(rows("Option, Type, Default, Range", options))
     found = [(f"`{m.name}`", m.family, m.unit, m.where.value, m.label) for m in EVERY_MEASURE]

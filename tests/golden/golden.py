@@ -150,7 +150,9 @@ def shipped(name: str) -> Callable[[Path], Golden]:
 
         config = yaml.safe_load((USERS / name / "config.yaml").read_text(encoding="utf-8"))
         conditions = config["evaluation"]["conditions"]
-        condition = ["--condition", conditions[0]] if conditions else []
+        # A hit that nearly fails differs between processors; those of the condition medium do not.
+        chosen = "medium" if "medium" in conditions else conditions[0] if conditions else None
+        condition = ["--condition", chosen] if chosen else []
         how = ["--episodes", "1", *condition, *changes(*_SHORT)]
         run("evaluate", f"pretrained:{name}", *how, "--out", out)
         return evaluation(out)

@@ -56,7 +56,7 @@ def test_nobody_acts_before_the_own_delay_and_recognition(sizes: dict[float, Eva
 
 
 def test_the_same_seed_has_the_same_bits_whoever_plays_beside() -> None:
-    short = "env.app.options.round_seconds=2"
+    short = "env.app.options.round_seconds=3"
     alone, together = (play(LIT, short, people=2, seed=5, batch=batch) for batch in (1, 2))
     assert [one.as_dict() for one in alone.rounds] == [one.as_dict() for one in together.rounds]
     other = play(LIT, short, people=2, seed=6)
@@ -135,7 +135,7 @@ def test_what_is_lit_has_another_colour(scene: AppScene, lit: int | None) -> Non
 def test_a_study_of_users_without_training(tmp_path: Path) -> None:
     study = {
         "name": "users",
-        "fixed": {"env.app.game": "panel", "env.app.options.round_seconds": 2},
+        "fixed": {"env.app.game": "panel", "env.app.options.round_seconds": 3},
         "factors": {"user": {"key": "user", "levels": [LIT, "random"]}},
         "people": 2,
         "episodes": 1,

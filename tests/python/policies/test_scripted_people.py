@@ -53,7 +53,7 @@ def test_nobody_acts_before_the_own_delay_and_recognition(sizes: dict[float, Eva
 
 
 def test_the_same_seed_has_the_same_bits_whoever_plays_beside() -> None:
-    short = "env.app.options.round_seconds=2"
+    short = "env.app.options.round_seconds=3"
     alone, together = (play(LIT, short, people=2, seed=5, batch=batch) for batch in (1, 2))
     assert [one.as_dict() for one in alone.rounds] == [one.as_dict() for one in together.rounds]
     other = play(LIT, short, people=2, seed=6)

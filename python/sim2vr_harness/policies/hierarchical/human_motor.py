@@ -241,8 +241,10 @@ def duration(
         effort: (B, 1) their factors on the cost of effort.
     """
     t = _DURATIONS_S.expand(*way.shape[:-1], -1)
-    state = (each[..., None, :] for each in (way, velocity, acceleration, goals.velocity))
-    path = quintic(*state, t)
+    begin, moving, pushed, final = (
+        each[..., None, :] for each in (way, velocity, acceleration, goals.velocity)
+    )
+    path = quintic(begin, moving, pushed, final, t)
     at = _NODES * t[..., None]
     pushes = moved(path[..., None, :, :], at, 2).square().sum(-1)
     work = t * (_GAUSS * pushes).sum(-1)
@@ -621,38 +623,36 @@ class HumanHands:
             noise = policy.persons.motor_noise(now.persons)
             effort = policy.persons.effort(now.persons)
             assert isinstance(noise, Tensor) and isinstance(effort, Tensor)
-            ahead, over = self._plan(way, velocity, goals, noise, effort[:, None] / self.vigour)
-            self.wanted = ahead
+            step_s, passes = policy.step_s, goals.velocity.abs().sum(-1) > 0.0
+            best = duration(
+                way, velocity, self._pushed, goals, noise, effort[:, None] / self.vigour
+            )
+            far = way.norm(dim=-1)
+            outside = (far > 0.5 * goals.width) & ~passes
+            done = torch.where(
+                passes, self.left_s <= -PLAN.follow_s, outside & (self.left_s <= 0.0)
+            )
+            lag = torch.relu(best - self.left_s) * ~passes
+            later = self.left_s + PLAN.extends * lag
+            left = torch.where(self.left_s.isnan() | done, best, later)
+            over = ((left <= 0.5 * step_s) & ~passes & (far < 0.5 * goals.width)).float()
+            # Late errors are corrected beyond the goal.
+            time_s = left.clamp(min=PLAN.shortest_s)
+            beyond = (time_s - left)[..., None] * goals.velocity
+            path = quintic(way + beyond, velocity, self._pushed, goals.velocity, time_s)
+            at = torch.minimum(torch.tensor(step_s), time_s)
+            ahead, moves = moved(path, at, 1), goals.active > 0.0
+            self._pushed = moved(path, at, 2) * moves[..., None]
+            self.left_s = torch.where(moves, left - step_s, torch.nan)
+            gain = torch.where(passes | (goals.rays > 0.0), 1.0, PLAN.gain)[..., None]
+            self.wanted = velocity + gain * (ahead - velocity)
             rows = None if turning is None else turning.rows
             if turning is not None:
                 self.wanted = turning.taken(self.wanted, velocity)
             controls = policy.inverse.controls(
                 believed, goals.tip, self.wanted, goals.active, self._bias, rows
             )
-            done = policy.drives.actions(believed.drives.numpy(), controls.numpy())
-            self._did = torch.from_numpy(done).float()
+            actions = policy.drives.actions(believed.drives.numpy(), controls.numpy())
+            self._did = torch.from_numpy(actions).float()
             self._felt, self._new = now, torch.zeros_like(self._new)
         return self._did.numpy(), over
-
-    def _plan(
-        self, way: Tensor, velocity: Tensor, goals: MotorGoals, noise: Tensor, effort: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """(B, H, 3) velocities wanted at the end of the user step, and (B, H) ends, 0 or 1."""
-        step_s, passes = self.policy.step_s, goals.velocity.abs().sum(-1) > 0.0
-        best = duration(way, velocity, self._pushed, goals, noise, effort)
-        far = way.norm(dim=-1)
-        outside = (far > 0.5 * goals.width) & ~passes
-        done = torch.where(passes, self.left_s <= -PLAN.follow_s, outside & (self.left_s <= 0.0))
-        lag = torch.relu(best - self.left_s) * ~passes
-        later = self.left_s + PLAN.extends * lag
-        left = torch.where(self.left_s.isnan() | done, best, later)
-        over = ((left <= 0.5 * step_s) & ~passes & (far < 0.5 * goals.width)).float()
-        # Late errors are corrected beyond the goal.
-        time_s = left.clamp(min=PLAN.shortest_s)
-        beyond = (time_s - left)[..., None] * goals.velocity
-        path = quintic(way + beyond, velocity, self._pushed, goals.velocity, time_s)
-        at = torch.minimum(torch.tensor(step_s), time_s)
-        ahead, self._pushed = moved(path, at, 1), moved(path, at, 2)
-        self.left_s = left - step_s
-        gain = torch.where(passes | (goals.rays > 0.0), 1.0, PLAN.gain)[..., None]
-        return velocity + gain * (ahead - velocity), over

@@ -98,7 +98,6 @@ class PersonPolicy(HierarchicalPolicy):
         self.human: HumanMotorPolicy = people_policy(
             config.env.user,
             self.layer.step_s,
-            width=training.width,
             body_width=training.body_width,
             perception=training.perception,
         ).requires_grad_(False)

@@ -211,7 +211,12 @@ class _Collection:
             else:
                 explored = _EXPLORES * rng.standard_normal(noise.shape)
                 explored[::2] = 0.0  # those measure how well wanted velocities are executed
-                actions = self._to_goals(now) + explored
+                goals = MotorGoals.none(self._n, len(self._policy.hands))
+                goals.tip, goals.place, goals.velocity = self._tip, self._goal, self._final
+                goals.active = torch.ones_like(goals.active)
+                if len(again := np.flatnonzero(rng.random(self._n) < 0.08)):
+                    self._aim(again)
+                actions = self._hands.act(now, goals)[0] + explored
             users.step(np.clip(actions, -1.0, 1.0))
             after, control = self._now(), torch.from_numpy(drives.controls(users)).float()
             kept = torch.from_numpy(~users.diverged)
@@ -264,17 +269,7 @@ class _Collection:
         final = _PASS_MPS * rng.standard_normal((len(ids), len(policy.hands), 3))
         final *= rng.random((len(ids), 1, 1)) < _PASSES
         self._final[rows] = torch.from_numpy(final).float()
-
-    def _to_goals(self, now: Motion) -> NDArray[np.float64]:
-        """Return (N, A) actions towards the goals."""
-        goals = MotorGoals.none(self._n, len(self._policy.hands))
-        goals.tip, goals.place, goals.velocity = self._tip, self._goal, self._final
-        goals.active = torch.ones_like(goals.active)
-        again = np.flatnonzero(self._rng.random(self._n) < 0.08)
-        if len(again):
-            self._aim(again)
-        actions, _ = self._hands.act(now, goals)
-        return actions.astype(np.float64)
+        self._hands.left_s[rows] = torch.nan
 
     @property
     def velocity_mps(self) -> float:

@@ -98,16 +98,14 @@ def test_movements_are_of_minimum_jerk() -> None:
 
     Squared accelerations sum up to 120/7 D^2/T^3. A hand that passes arrives at its velocity.
     """
-    way, rest = torch.tensor([0.3, 0.0, 0.0]), torch.zeros(3)
-    time_s = torch.tensor(0.6)
+    way, rest, time_s = torch.tensor([0.3, 0.0, 0.0]), torch.zeros(3), torch.tensor(0.6)
     path = quintic(way, rest, rest, rest, time_s)
     assert float(moved(path, torch.tensor(0.3), 0)[0]) == pytest.approx(0.15, abs=1e-6)
     assert float(moved(path, torch.tensor(0.3), 1)[0]) == pytest.approx(1.875 * 0.5, abs=1e-5)
     fine = torch.linspace(0.0, 0.6, 2001)
     work = float(torch.trapezoid(moved(path.expand(2001, 3, 6), fine, 2)[:, 0].square(), fine))
     assert work == pytest.approx(120.0 / 7.0 * 0.3**2 / 0.6**3, rel=1e-3)
-    final = torch.tensor([0.0, 1.3, 0.0])
-    passes = quintic(way, final, way, final, time_s)
+    passes = quintic(way, final := torch.tensor([0.0, 1.3, 0.0]), way, final, time_s)
     for order, expected in enumerate((way, final, torch.zeros(3))):
         torch.testing.assert_close(moved(passes, time_s, order), expected, atol=1e-5, rtol=0.0)
 

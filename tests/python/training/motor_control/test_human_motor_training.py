@@ -13,15 +13,8 @@ from sim2vr_harness.runs.option_config import PeopleTraining
 from sim2vr_harness.training.motor_control.people_training import Bodies, PeopleTrainer
 
 TINY = PeopleTraining(
-    cycles=2,
-    bodies=4,
-    random_steps=24,
-    goal_steps=12,
-    fit_minibatches=3,
-    body_width=16,
+    cycles=2, bodies=4, random_steps=24, goal_steps=12, fit_minibatches=3, body_width=16
 )
-
-
 SHIPPED = ("mobl_arms_wrist", "mobl_arms_bimanual")
 """Bodies with a human motor policy of their own."""
 

@@ -408,9 +408,9 @@ def measures_page() -> str:
         parts.append(rows("Measure, Unit, Better, Meaning", found) if found else "")
         options = [(f"`{o.name}`", o.type, shown(o.default), o.range) for o in list_options(game)]
         parts.append(rows("Option, Type, Default, Range", options))
-    found = [(f"`{m.name}`", m.family, m.unit, m.where.value, m.label) for m in EVERY_MEASURE]
+    people = [(f"`{m.name}`", m.family, m.unit, m.where.value, m.label) for m in EVERY_MEASURE]
     parts.append("## Measures of behaviour\n\nThe [method](human_measures.md) of `compare`.\n")
-    return "\n".join([*parts, rows("Measure, Family, Unit, Where, Meaning", found)])
+    return "\n".join([*parts, rows("Measure, Family, Unit, Where, Meaning", people)])
 
 
 def files_page() -> str:

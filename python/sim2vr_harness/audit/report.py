@@ -231,14 +231,14 @@ def _first(values: Mapping[str, Any], still: Path) -> list[Part]:
 def _sections(
     audit: Audit, values: Mapping[str, Any], worst: Path | None
 ) -> list[tuple[str, list[Part]]]:
-    told = [text for text in (unanswered(values), too_weak(values)) if text]
+    missing = [text for text in (unanswered(values), too_weak(values)) if text]
     sections: list[tuple[str, list[Part]]] = [
-        ("What limits this answer", [listed([*told, *LIMITS])])
+        ("What limits this answer", [listed([*missing, *LIMITS])])
     ]
     reasons = sorted({row[3] for row in answers(values)} & CLAUSES.keys())
     if reasons:
-        rows = [(reason, CLAUSES[reason]) for reason in reasons]
-        sections.append(("Requirements that this concerns", [table(("why not", "see"), rows)]))
+        told = [(reason, CLAUSES[reason]) for reason in reasons]
+        sections.append(("Requirements that this concerns", [table(("why not", "see"), told)]))
     figure = drawn(Figure("targets", "Targets", _TURN, (_space(audit),)), still=False)
     sections.append(("Where the targets are", [figure]))
     case = worst_case(audit)

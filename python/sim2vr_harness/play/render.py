@@ -119,7 +119,7 @@ def _draw(users: Any, painter: BodyPainter, size: tuple[int, int]) -> dict[str, 
     vision = users.config.vision
     views = "views" in app.capabilities
     if views:
-        own = app.render_headset(*vision.drawn)
+        own = app.render_headset(vision.width, vision.height)
     else:  # two eyes (2, H, W, 4) beside each other
         own = app.image if app.image.ndim == 3 else np.concatenate(list(app.image), axis=1)
     depth = np.repeat(own[..., 3:], 3, axis=2)

@@ -622,7 +622,7 @@ def test_processes_change_no_result_and_the_same_seed_writes_the_same_files(tmp_
     assert headline(values) == "1 persons are too few to judge 2 targets: 30 at least."
     assert answers(values) == []
     page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
-    for text in ("Limits of the model", "&lt;near&gt;", '"mode":"markers+text"'):
+    for text in ("What limits this answer", "&lt;near&gt;", '"mode":"markers+text"'):
         assert text in page
 
 

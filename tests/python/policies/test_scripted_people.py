@@ -86,7 +86,8 @@ def test_the_short_and_the_weak_are_excluded_with_the_reason(
 def test_an_entry_is_repeated_until_a_number_changes(tmp_path: Path) -> None:
     script = tmp_path / "script.yaml"
     script.write_text("- {do: press 3 1 1.5 by ray, until: Errors}\n- {do: point lit}\n")
-    (steps,) = (one.script for one in play(str(script), people=1).rounds)
+    played = play(str(script), "env.app.options.round_seconds=6", people=1)
+    (steps,) = (one.script for one in played.rounds)
     assert [step.step.split()[0] for step in steps[:2]] == ["press", "point"]
     script.write_text("- {do: press lit, until: Erors}\n")
     with pytest.raises(InputError, match=r"until: got 'Erors', expected .*did you mean 'Errors'"):

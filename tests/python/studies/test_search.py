@@ -196,9 +196,9 @@ def test_a_report_shows_what_was_tried(
     so_far = trials["max_fatigued"].where(trials["keeps_limits"]).cummin().ffill()
     assert [value for value in line.y if value is not None] == so_far.dropna().tolist()
     first, *_ = search_sentences(source)
-    assert first.text == (
-        f"Trial {best['trial']} has the least muscle fatigue with hits >= 8: life "
-        f"{best['parameter_life']:.5g}, difficulty {best['parameter_difficulty']}."
+    assert first == (
+        f"Trial {best['trial']} has the least muscle fatigue with hits >= 8, "
+        f"{best['max_fatigued']:.3f}: life {best['parameter_life']:.5g}, difficulty {best['parameter_difficulty']}."
     )
     assert trial_table(source).count("beyond a limit") == (~trials["keeps_limits"]).sum()
     page = write_report(tmp_path, stills=False).page.read_text(encoding="utf-8")

@@ -23,8 +23,6 @@ from sim2vr_harness.policies import attention_crops
 from sim2vr_harness.runs.attention_config import AttentionCropConfig
 from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors
 from sim2vr_harness.training.dagger import dagger
-from sim2vr_harness.training.motor_control import people_training
-from sim2vr_harness.training.motor_control.people_training import ReachSettings
 from sim2vr_harness.training.option_q_learning import q_learning
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -42,7 +40,6 @@ def small() -> Iterator[None]:
         held.enter_context(torch_threads(2))
         for module, settings in (
             (dagger, student),
-            (people_training, ReachSettings(hands=16)),
             (q_learning, replace(q_learning.SETTINGS, batch_size=8)),
         ):
             held.enter_context(patch.object(module, "SETTINGS", settings))

@@ -198,7 +198,8 @@ def test_a_report_shows_what_was_tried(
     first, *_ = search_sentences(source)
     assert first == (
         f"Trial {best['trial']} has the least muscle fatigue with hits >= 8, "
-        f"{best['max_fatigued']:.3f}: life {best['parameter_life']:.5g}, difficulty {best['parameter_difficulty']}."
+        f"{best['max_fatigued']:.3f}: life {best['parameter_life']:.5g}, "
+        f"difficulty {best['parameter_difficulty']}."
     )
     assert trial_table(source).count("beyond a limit") == (~trials["keeps_limits"]).sum()
     page = write_report(tmp_path, stills=False).page.read_text(encoding="utf-8")

@@ -14,7 +14,7 @@ readonly py=$venv/bin/python
 mkdir -p "$log_dir"
 
 step_number=0 packages=
-trap '[[ -z $packages ]] || kill -- "-$packages" 2>/dev/null' EXIT
+trap '[[ -z $packages ]] || kill -- "-$packages" 2>/dev/null || true' EXIT
 say() { printf '[%d/5] %s\n' "$step_number" "$*"; }
 step() { step_number=$((step_number + 1)); }
 
@@ -169,6 +169,7 @@ if [[ -n $packages ]]; then
   wait "$packages" \
     || fail "Python packages" "check the network, then: $py -m pip install -r requirements.lock" "$log_dir/pip.log"
   stamp deps "$deps_key"
+  packages=
 fi
 say "C++ build: build/release/app_runtime is up to date (sim2vr-app, the OpenXR runtime, its layer, the virtual clock)"
 

@@ -91,8 +91,7 @@ class SenseConfig(Settings):
     """Kind of sense: vision, fovea, fovea_depth, proprioception, time, haptics, sound, fingers,
     gaze, actions, head or person."""
     name: str | None = Field(default=None, min_length=1)
-    """Its key in the observation; None: that of the kind, or stateful_information
-    (time), haptics, sound, fingers, gaze, actions, head, person."""
+    """Its key in the observation; None: the kind, of ``time`` stateful_information."""
     delay_ms: DelayMs | Literal["person"] = 0.0
     """Observation delay, a multiple of the physics step. Images exist for app frames only: the
     newest one that is at least this old is observed; see ``frames_per_step``. ``person``: the delay

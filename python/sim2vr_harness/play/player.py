@@ -216,7 +216,7 @@ def reward_per_minute(
     steps: int,
     *,
     deterministic: bool,
-    on_progress: Callable[[float], None] = lambda share: None,
+    on_step: Callable[[Any], None] = lambda outcome: None,
 ) -> tuple[float, float]:
     """Let all users play for some time, one round after the other.
 
@@ -225,15 +225,15 @@ def reward_per_minute(
         policy: Acts for them.
         seeds: N, of the first rounds.
         steps: User steps to play, of each user.
-        on_progress: Called with the share of the steps done, before each of them.
+        on_step: Called with the outcome of each step of the simulation.
 
     Returns:
         Mean reward of the app and mean cost of effort, both per minute.
     """
     player = Player(simulation, policy, GameFacts(""), deterministic=deterministic)
     player.begin([Job("", k, seed) for k, seed in enumerate(seeds)], endless=True)
-    for step, _ in zip(range(steps), player.steps(), strict=False):
-        on_progress(step / steps)
+    for _, outcome in zip(range(steps), player.steps(), strict=False):
+        on_step(outcome)
     per_minute = 60.0 * simulation.config.action_frequency_hz / steps
     return float(player.game_returns.mean()) * per_minute, float(player.efforts.mean()) * per_minute
 

@@ -115,9 +115,8 @@ class UserRenderer:
     def observer(self, camera: str, width: int, height: int) -> Observer:
         """Return a camera of the model as one of the app's, for the argument ``behind``."""
         found = self._model.camera(camera)
-        axes, quat = np.empty(9), np.empty(4)
-        mujoco.mju_quat2Mat(axes, found.quat)
-        right, up, back = axes.reshape(3, 3).T
+        quat = np.empty(4)
+        right, up, back = rotation_matrix(found.quat).T
         mujoco.mju_mat2Quat(quat, np.stack([-back, -right, up], axis=1).ravel())
         pose = tuple(pose_to_app(found.pos, quat).tolist())
         return Observer(width, height, pose, float(found.fovy[0]))
@@ -193,17 +192,17 @@ class UserRenderer:
         mujoco.mjr_readPixels(image, depth, window, self._painter)
         if behind is None or depth is None or behind.depth_m is None:
             return np.ascontiguousarray(image[::-1])
-        near, far = np.array([self._model.vis.map.znear, self._model.vis.map.zfar]) * (
-            self._model.stat.extent
-        )
-        depth_m = near / (1.0 - depth[::-1] * (1.0 - near / far))
+        clip, extent_m = self._model.vis.map, self._model.stat.extent
+        near, far = clip.znear * extent_m, clip.zfar * extent_m
+        image, depth = image[::-1], depth[::-1]
+        depth_m = near / (1.0 - depth * (1.0 - near / far))
         times = self.height // len(behind.rgb)
         rgb, far_m = (
             each.repeat(times, axis=0).repeat(times, axis=1)
             for each in (behind.rgb, behind.depth_m)
         )
-        nearer = (depth[::-1] < 1.0) & (depth_m < far_m)
-        return np.where(nearer[..., None], image[::-1], rgb)
+        nearer = (depth < 1.0) & (depth_m < far_m)
+        return np.where(nearer[..., None], image, rgb)
 
     def project(self, places: NDArray[np.floating], view: OrbitView) -> NDArray[np.float64]:
         """Return where places are in a picture of a view, pixels from its left and top.

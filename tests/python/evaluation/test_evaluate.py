@@ -113,7 +113,7 @@ def test_defaults_come_from_the_run_and_results_are_stored(trained: Path) -> Non
 
 def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> None:
     config = RunFolder(trained).load_config()
-    # The curriculum is switched off unless it is asked for.
+    # The curriculum is switched off unless it is set.
     assert evaluation_env(config).config.app.options == {"condition": "medium", "adaptive": False}
     overrides = ["env.user.noise.constant=white", "env.app.options.adaptive=true"]
     changed = evaluation_env(config, overrides=overrides).config

@@ -49,7 +49,7 @@ def study(trained: Path, **changes: Any) -> dict[str, Any]:
 
 
 def test_a_user_that_goes_on_begins_with_its_weights(trained: Path, tmp_path: Path) -> None:
-    """Also in the folder of a run of another rate; noise is what was asked for."""
+    """Also in the folder of a run of another rate; noise is that of the level."""
     changes = ["ppo.learning_rate=0.01", *_small()]
     other = adapting(find_user(trained), str(trained), changes)
     trainer.train(other, tmp_path / "run", timesteps=20, simulation=stand_in)

@@ -10,6 +10,7 @@ from sim2vr_harness.base.errors import InputError, closest
 from sim2vr_harness.client import AppRefused, WebXRApp
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.client.scene import PLAYER_LAYER, POINTERS, AppScene, SceneMesh, SceneObject
+from sim2vr_harness.policies.scripted.hand import turned
 from sim2vr_harness.policies.scripted.steps import Place
 from sim2vr_harness.users.kinematics.posture_controller import DeviceRay, page_ray
 
@@ -146,9 +147,7 @@ class Places:
         sizes = _extents(scene.meshes[one.mesh]) * np.abs(one.scale)
         if sizes.min() > _FLAT * -wide:
             return -wide, None
-        axis, w = one.pose[3:6], one.pose[6]
-        thin = np.eye(3)[int(sizes.argmin())]
-        facing = thin + 2.0 * np.cross(axis, np.cross(axis, thin) + w * thin)
+        facing = turned(one.pose[[6, 3, 4, 5]], np.eye(3)[int(sizes.argmin())])
         return -wide, position_to_mujoco(facing)
 
     def unknown(self, name: str) -> InputError:

@@ -23,8 +23,7 @@ from torch.nn import functional
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.state import State
-from sim2vr_harness.client import GameFacts
-from sim2vr_harness.play.player import Job, Player
+from sim2vr_harness.play.player import reward_per_minute
 from sim2vr_harness.policies.hierarchical.action_selection import (
     OptionScene,
     best_choices,
@@ -557,14 +556,18 @@ class OptionQLearning(State):
         self._trying[:] = 0
         self.policy.hold.fill_(hold)
 
-        player = Player(self.simulation, self.policy, GameFacts(""), deterministic=True)
-        seeds = self._round_seeds(self.step_count, 59)
-        player.begin([Job("", k, seed) for k, seed in enumerate(seeds)], endless=True)
         value = 0.0
-        for _, outcome in zip(range(steps), player.steps(), strict=False):
+
+        def advance(outcome: Any) -> None:
+            nonlocal value
             value += float(self._valued(outcome.reward).mean())
             self.compared += self.n
             on_step()
+
+        seeds = self._round_seeds(self.step_count, 59)
+        reward_per_minute(
+            self.simulation, self.policy, seeds, steps, deterministic=True, on_step=advance
+        )
         return value * 60.0 * self.simulation.config.action_frequency_hz / steps
 
     def diagnosis(self) -> tuple[float, float]:

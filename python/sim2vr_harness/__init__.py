@@ -24,6 +24,7 @@ What else there is, import as you need it:
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as _installed_version
@@ -52,6 +53,10 @@ __all__ = [
     "run_study",
     "train",
 ]
+
+# MKL, before its first product: the same bits wherever in memory the factors lie. Without it a
+# training that is resumed differs from one that is not.
+os.environ.setdefault("MKL_CBWR", "AUTO,STRICT")
 
 _LAZY = {
     "EnvConfig": "sim2vr_harness.envs.config",

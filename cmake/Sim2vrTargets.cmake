@@ -11,6 +11,10 @@ target_compile_options(sim2vr_options INTERFACE
   # Bit-equal results between the executable, the extension module and every
   # build preset: no fused multiply-add contraction, no fast-math.
   -ffp-contract=off)
+if(CMAKE_UNITY_BUILD)
+  # A private class may use what is private to its source, also where sources are joined.
+  target_compile_options(sim2vr_options INTERFACE -Wno-subobject-linkage)
+endif()
 if(SIM2VR_WARNINGS_AS_ERRORS)
   target_compile_options(sim2vr_options INTERFACE -Werror)
 endif()

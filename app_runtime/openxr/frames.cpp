@@ -263,7 +263,6 @@ void drawQuad(Session& session, const XrCompositionLayerQuad& layer, const Eye& 
   }
 }
 
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
 /// How long a program whose harness is gone may go on with empty frames.
 constexpr XrDuration kGrace_ns = kSecond_ns;
 

@@ -126,8 +126,6 @@ json eventJson(const Event& event) {
           {"time_ns", event.time_ns}};
 }
 
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
-
 struct timespec timespecOf(std::int64_t duration_ns) {
   return {duration_ns / kSecond_ns, duration_ns % kSecond_ns};
 }

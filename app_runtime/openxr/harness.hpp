@@ -20,6 +20,8 @@
 
 namespace sim2vr::openxr {
 
+inline constexpr std::int64_t kSecond_ns = 1'000'000'000;
+
 // What runtime and harness say to each other over the program's socket: u32 length, u8 kind, body;
 // little-endian. Decoding throws wire::MalformedMessage.
 

@@ -111,8 +111,6 @@ const char* structureName(XrStructureType type) {
   return nullptr;
 }
 
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
-
 /// XrTime - CLOCK_MONOTONIC: 0 in real time; in lockstep that of the latest frame.
 std::int64_t clockOffset(const Instance& instance) {
   for (const auto& object : world().handles.below(HandleType::session, instance.handle)) {

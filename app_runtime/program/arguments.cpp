@@ -57,8 +57,6 @@ class OptionHelp : public CLI::Formatter {
   static constexpr std::size_t kHelpColumn = 28;
 };
 
-constexpr int kBadUsage = 2;
-
 /// Longest time that is taken, s: 30 years.
 constexpr double kLongest_s = 1e9;
 

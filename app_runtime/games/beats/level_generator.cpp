@@ -13,7 +13,7 @@ namespace {
 
 /// From one wall's end to the next one's start.
 constexpr double kStandUp_s = 2.0;
-constexpr double kLongest_s = 0.9;
+constexpr double kLongestWall_s = 0.9;
 /// The player is out of the way so long before and after a wall.
 constexpr double kBefore_s = 0.4;
 constexpr double kAfter_s = 0.25;
@@ -36,12 +36,12 @@ Wall shape(int kind) {
 std::vector<Wall> placeWalls(double per_minute, double from_s, double to_s, Random& random) {
   std::vector<Wall> walls;
   const double span_s = to_s - from_s;
-  const int most = static_cast<int>(span_s / (kStandUp_s + kLongest_s));
+  const int most = static_cast<int>(span_s / (kStandUp_s + kLongestWall_s));
   const int count = std::min(static_cast<int>(per_minute * span_s / 60.0 + 0.5), most);
   for (int i = 0; i < count; ++i) {
     const double window_s = span_s / count;
     Wall wall = shape(random.range(0, 3));
-    wall.duration_s = kLongest_s * random.range(1, 4) / 3.0;
+    wall.duration_s = kLongestWall_s * random.range(1, 4) / 3.0;
     const double room_s = window_s - kStandUp_s - wall.duration_s;
     const int steps = static_cast<int>(room_s / kStep_s);
     wall.time_s = from_s + i * window_s + kStep_s * random.range(0, steps + 1);
@@ -64,7 +64,7 @@ bool isBehindWall(const std::vector<Wall>& walls, double time_s, double column, 
 constexpr double kBeatsPerMinute = 100.0;
 constexpr double kFirst_s = 2.0;
 /// Nothing comes in the last second.
-constexpr double kEnding_s = 1.0;
+constexpr double kQuietEnd_s = 1.0;
 /// Between two boxes of one hand at least; of a song.
 constexpr double kHandGap_s = 0.55;
 constexpr double kSongHandGap_s = 0.38;
@@ -102,8 +102,8 @@ class Composer {
 
   Level compose() {
     level_.walls =
-        placeWalls(settings_.walls_per_minute, kFirst_s, settings_.seconds - kEnding_s, random_);
-    const int slots = slotBefore(settings_.seconds - kEnding_s);
+        placeWalls(settings_.walls_per_minute, kFirst_s, settings_.seconds - kQuietEnd_s, random_);
+    const int slots = slotBefore(settings_.seconds - kQuietEnd_s);
     double due = 0.0;
     for (int slot = firstSlot(); slot <= slots; ++slot) {
       due = std::min(due + settings_.boxes_per_second * slot_s_, kMostDue);
@@ -207,12 +207,13 @@ class Composer {
 
   /// Low more often than high, on the hand's own side but for one in six that comes alone.
   void chooseSongPlace(HandState& hand, double time_s, bool together) {
-    constexpr std::array kRows{0, 0, 0, 0, 0, 1, 1, 1, 2, 2};
+    constexpr std::array kSongRows{0, 0, 0, 0, 0, 1, 1, 1, 2, 2};
     const bool crossed = random_.range(0, 6) == 0 && !together;
     const bool left = (hand.hand == Hand::kLeft) != crossed;
     const bool outer = random_.range(0, 3) == 0 && !crossed;
     hand.column = left ? (outer ? 0 : 1) : (outer ? 3 : 2);
-    hand.row = kRows[static_cast<std::size_t>(random_.range(0, static_cast<int>(kRows.size())))];
+    hand.row =
+        kSongRows[static_cast<std::size_t>(random_.range(0, static_cast<int>(kSongRows.size())))];
     while (hand.row > 0 && isBehindWall(level_.walls, time_s, hand.column, hand.row)) --hand.row;
     if (isBehindWall(level_.walls, time_s, hand.column, hand.row)) {
       hand.column = hand.hand == Hand::kLeft ? 1 : 2;
@@ -235,7 +236,8 @@ class Composer {
     constexpr int kTries = 12;
     for (int i = 0; i < wanted; ++i) {
       for (int tries = 0; tries < kTries; ++tries) {
-        const int slot = random_.range(firstSlot(), slotBefore(settings_.seconds - kEnding_s) + 1);
+        const int slot =
+            random_.range(firstSlot(), slotBefore(settings_.seconds - kQuietEnd_s) + 1);
         Mine mine{slot * slot_s_, 0.0, 0.0};
         mine.column = random_.range(0, 4);
         mine.row = random_.range(0, 3);

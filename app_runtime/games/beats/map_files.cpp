@@ -321,9 +321,9 @@ std::vector<std::string> characteristics(const MapInfo& info) {
 
 /// Harder ones have higher ranks; names that the game does not have come last.
 std::ptrdiff_t rank(const MapDifficulty& difficulty) {
-  static const std::vector<std::string> kNames{"easy", "normal", "hard", "expert", "expertplus"};
-  const auto found = std::find(kNames.begin(), kNames.end(), folded(difficulty.difficulty));
-  return found == kNames.end() ? -1 : found - kNames.begin();
+  static const std::vector<std::string> kRanks{"easy", "normal", "hard", "expert", "expertplus"};
+  const auto found = std::find(kRanks.begin(), kRanks.end(), folded(difficulty.difficulty));
+  return found == kRanks.end() ? -1 : found - kRanks.begin();
 }
 
 std::string got(const std::string& name) { return name.empty() ? "none" : "'" + name + "'"; }

@@ -1,23 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/core/json_reader.hpp"
+#include "error_of.hpp"
 
 #include <gtest/gtest.h>
-
-#include <functional>
 
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr {
 namespace {
-
-std::string errorOf(const std::function<void()>& work) {
-  try {
-    work();
-  } catch (const InvalidArgument& error) {
-    return error.what();
-  }
-  return "none";
-}
 
 std::string nested(int levels) {
   const auto times = static_cast<std::size_t>(levels);

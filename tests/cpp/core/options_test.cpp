@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim2vr/core/options.hpp"
+#include "error_of.hpp"
 
 #include <gtest/gtest.h>
 
-#include <functional>
 #include <string>
 #include <vector>
 
@@ -11,15 +11,6 @@
 
 namespace sim2vr {
 namespace {
-
-std::string errorOf(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const InvalidArgument& error) {
-    return error.what();
-  }
-  return "none";
-}
 
 const std::vector<std::string> kChoices{"easy", "medium", "hard"};
 

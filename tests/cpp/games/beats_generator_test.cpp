@@ -177,7 +177,7 @@ TEST(BeatsGeneratorOptions, FixTheBits) {
 
 TEST(BeatsGeneratorOptions, AreChecked) {
   const auto error = [](const std::string& json) {
-    return testing::errorOf([&] {
+    return errorOf([&] {
       Options options = Options::fromJson(json);
       readLevelSettings(options);
     });

@@ -18,7 +18,6 @@
 namespace sim2vr::games::beats {
 namespace {
 
-using testing::errorOf;
 using testing::readEasy;
 using testing::readEasy3;
 

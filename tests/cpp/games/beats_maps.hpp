@@ -2,24 +2,15 @@
 // Maps for the tests of Beats' loader.
 #pragma once
 
-#include <functional>
 #include <map>
 #include <string>
 
 #include "beats/level_options.hpp"
 #include "beats/map_files.hpp"
+#include "error_of.hpp"
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::beats::testing {
-
-inline std::string errorOf(const std::function<void()>& work) {
-  try {
-    work();
-  } catch (const InvalidArgument& error) {
-    return error.what();
-  }
-  return "no error";
-}
 
 /// An Info.dat with the difficulty Easy in Easy.dat: 60 beats a minute, 10 m/s.
 inline std::string easyInfo() {

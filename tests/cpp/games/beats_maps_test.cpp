@@ -96,7 +96,7 @@ TEST(BeatsMap, IsTheSameInAllVersions) {
 TEST(BeatsMap, OfOneFileFindsItsInfo) {
   EXPECT_EQ(contentHash(loadLevel(kMaps + "v3/Hard.dat", "", "")),
             contentHash(loadLevel(kMaps + "v3", "", "")));
-  EXPECT_EQ(testing::errorOf([] { loadLevel(kMaps + "v3/Hard.dat", "", "Hard"); }),
+  EXPECT_EQ(errorOf([] { loadLevel(kMaps + "v3/Hard.dat", "", "Hard"); }),
             "option 'difficulty': got 'Hard' with a single difficulty, expected none, or the map's "
             "folder or archive as the level");
 }
@@ -114,7 +114,7 @@ TEST(BeatsMap, WithATempoOfItsOwnNeedsNoInfo) {
   EXPECT_EQ(level.boxes.at(0).time_s, 6.0);
   EXPECT_EQ(level.name, "alone");
   const std::string without = write(R"({"version": "3.0.0", "colorNotes": [{"b": 3}]})");
-  EXPECT_EQ(testing::errorOf([&] { loadLevel(without, "", ""); }),
+  EXPECT_EQ(errorOf([&] { loadLevel(without, "", ""); }),
             without +
                 ": got a difficulty without tempo, expected an Info.dat beside it that lists "
                 "it, or its own tempo at beat 0");

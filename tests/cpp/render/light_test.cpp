@@ -9,7 +9,7 @@ namespace {
 using LightTest = GlTest;
 SIM2VR_FOR_EACH_GL(LightTest);
 
-constexpr ImageSize kSmall{60, 40};
+constexpr ImageSize kView{60, 40};
 
 Color srgb8(int r, int g, int b) {
   return {static_cast<float>(r) / 255.0F, static_cast<float>(g) / 255.0F,
@@ -37,7 +37,7 @@ TEST_P(LightTest, UnlitColourComesBackAsGiven) {
   for (const Pixel& wanted :
        {Pixel{200, 100, 50, 26}, Pixel{1, 128, 254, 26}, Pixel{3, 12, 77, 26}}) {
     sheet.material.albedo = srgb8(wanted[0], wanted[1], wanted[2]);
-    EXPECT_LE(difference(draw(kSmall).at(30, 20), wanted), 1);
+    EXPECT_LE(difference(draw(kView).at(30, 20), wanted), 1);
   }
 }
 
@@ -45,12 +45,12 @@ TEST_P(LightTest, Lambert) {
   world_.add(quad(), matt({0.5F, 0.5F, 0.5F, 1}), {0, 0, 1}, Vec3::Constant(10.0));
   world_.addLight({std::sqrt(0.75), 0, 0.5});  // 60 degrees from the normal
   // 0.21404 * 0.96 * 0.5 = 0.10274 -> sRGB 0.3538 -> 90.2
-  EXPECT_NEAR(draw(kSmall).at(30, 20)[0], 90, 1);
+  EXPECT_NEAR(draw(kView).at(30, 20)[0], 90, 1);
   world_.addLight({0, 0.6, 0.8},
                   0.5F);  // + 0.21404 * 0.96 * 0.8 * 0.5 = 0.18493 -> 0.4675 -> 119.2
-  EXPECT_NEAR(draw(kSmall).at(30, 20)[0], 119, 1);
+  EXPECT_NEAR(draw(kView).at(30, 20)[0], 119, 1);
   world_.addLight({0, 0, -1}, 0.9F);  // from behind: nothing
-  EXPECT_NEAR(draw(kSmall).at(30, 20)[0], 119, 1);
+  EXPECT_NEAR(draw(kView).at(30, 20)[0], 119, 1);
 }
 
 TEST_P(LightTest, SheetsAreLitOnTheSideThatIsSeen) {
@@ -58,7 +58,7 @@ TEST_P(LightTest, SheetsAreLitOnTheSideThatIsSeen) {
   material.cull_back = false;
   world_.add(quad(), material, {0, 0, 1}, Vec3::Constant(10.0), turned(180, Vec3::UnitY()));
   world_.addLight({std::sqrt(0.75), 0, 0.5});
-  EXPECT_NEAR(draw(kSmall).at(30, 20)[0], 90, 1);
+  EXPECT_NEAR(draw(kView).at(30, 20)[0], 90, 1);
 }
 
 TEST_P(LightTest, NonUniformScaleKeepsNormalsRight) {
@@ -66,7 +66,7 @@ TEST_P(LightTest, NonUniformScaleKeepsNormalsRight) {
   // 45 degrees, so that light along +z gives 0.21404 * 0.96 * 0.70711 = 0.14530 -> 0.4176 -> 106.5.
   world_.add(box(), matt({0.5F, 0.5F, 0.5F, 1}), {0, 0, 4}, {4, 1, 1}, turned(45, Vec3::UnitY()));
   world_.addLight({0, 0, 1});
-  EXPECT_NEAR(draw(kSmall).at(30, 20)[0], 106.5, 1.5);
+  EXPECT_NEAR(draw(kView).at(30, 20)[0], 106.5, 1.5);
 }
 
 TEST_P(LightTest, HighlightOfABlackSurfaceSeenAlongTheLight) {
@@ -86,7 +86,7 @@ TEST_P(LightTest, MetalShowsLessDiffuseLight) {
   world_.add(quad(), material, {0, 0, 1}, Vec3::Constant(10.0));
   world_.addLight({0, 0, 1});
   // 0.96 * 0.78596 = 0.75452 -> 0.8831 -> 225.2
-  EXPECT_NEAR(draw(kSmall).at(30, 20)[0], 225, 1);
+  EXPECT_NEAR(draw(kView).at(30, 20)[0], 225, 1);
 }
 
 TEST_P(LightTest, SkyReflectionsNeedASky) {
@@ -94,9 +94,9 @@ TEST_P(LightTest, SkyReflectionsNeedASky) {
   material.smoothness = 1.0F;
   material.sky_reflections = true;
   world_.add(quad(), material, {0, 0, 1}, Vec3::Constant(10.0));
-  EXPECT_EQ(draw(kSmall).at(30, 10)[2], 0);
+  EXPECT_EQ(draw(kView).at(30, 10)[2], 0);
   world_.scene.create("Sky").addComponent<Skybox>();
-  EXPECT_GT(draw(kSmall).at(30, 10)[2], 20);
+  EXPECT_GT(draw(kView).at(30, 10)[2], 20);
 }
 
 TEST_P(LightTest, AlphaItemsBlendInLinearLightAndLeaveTheDepthAlone) {
@@ -105,7 +105,7 @@ TEST_P(LightTest, AlphaItemsBlendInLinearLightAndLeaveTheDepthAlone) {
   world_.add(quad(), glass, {0, 0, 2}, Vec3::Constant(10.0));
   world_.add(quad(), unlit(srgb8(0, 0, 0)), {0, 0, 4}, Vec3::Constant(20.0));
   // 0.5 -> sRGB 0.7354 -> 187.5; depth 0.4 * 255 = 102
-  const Pixel pixel = draw(kSmall).at(30, 20);
+  const Pixel pixel = draw(kView).at(30, 20);
   EXPECT_NEAR(pixel[0], 187.5, 1);
   EXPECT_EQ(pixel[3], 102);
 }
@@ -115,7 +115,7 @@ TEST_P(LightTest, AlphaItemsBehindOpaqueOnesAreHidden) {
   glass.blend = Material::Blend::alpha;
   world_.add(quad(), glass, {0, 0, 4}, Vec3::Constant(20.0));
   world_.add(quad(), unlit(kGreen), {0, 0, 2}, Vec3::Constant(10.0));
-  EXPECT_EQ(draw(kSmall).at(30, 20), (Pixel{0, 255, 0, 51}));
+  EXPECT_EQ(draw(kView).at(30, 20), (Pixel{0, 255, 0, 51}));
 }
 
 TEST_P(LightTest, AlphaItemsAreDrawnFarToNear) {
@@ -131,7 +131,7 @@ TEST_P(LightTest, AlphaItemsAreDrawnFarToNear) {
       world.add(quad(), glass(near_one ? Color{1, 0, 0, 0.75F} : Color{0, 1, 0, 0.75F}),
                 {0, 0, near_one ? 2.0 : 3.0}, Vec3::Constant(20.0));
     }
-    const Pixel pixel = testing::draw(*renderer_, world.scene, world.camera, kSmall).at(30, 20);
+    const Pixel pixel = testing::draw(*renderer_, world.scene, world.camera, kView).at(30, 20);
     EXPECT_NEAR(pixel[0], 225, 1);  // 0.75 -> 0.8808 -> 224.6
     EXPECT_NEAR(pixel[1], 120, 1);  // 0.1875 -> 0.4706 -> 120.0
     EXPECT_EQ(pixel[3], 255);
@@ -145,7 +145,7 @@ TEST_P(LightTest, BillboardsFaceTheCameraAndHaveNoDepth) {
   // 0.2 m at 1 m: 4 of 40 rows and columns around the centre.
   for (const double roll : {0.0, 45.0}) {
     world_.camera.transform().setLocalRotation(turned(roll, Vec3::UnitZ()));
-    const Picture picture = draw(kSmall);
+    const Picture picture = draw(kView);
     EXPECT_EQ(picture.at(28, 18), (Pixel{0, 255, 0, 255})) << roll;
     EXPECT_EQ(picture.at(31, 21), (Pixel{0, 255, 0, 255})) << roll;
     EXPECT_EQ(picture.at(27, 18), (Pixel{0, 0, 0, 255})) << roll;
@@ -155,7 +155,7 @@ TEST_P(LightTest, BillboardsFaceTheCameraAndHaveNoDepth) {
 
 TEST_P(LightTest, BackgroundWithoutSky) {
   world_.camera.background = srgb8(10, 200, 99);
-  EXPECT_LE(difference(draw(kSmall).at(3, 3), Pixel{10, 200, 99, 255}), 1);
+  EXPECT_LE(difference(draw(kView).at(3, 3), Pixel{10, 200, 99, 255}), 1);
 }
 
 /// A point of the published picture of the Whac-A-Mole study (456 x 257 pixels) and its colour.
@@ -226,16 +226,16 @@ TEST_P(LightTest, ObjectsLookAsInThePublishedPicture) {
 TEST_P(LightTest, SkyFollowsItsSettingsAndTheSun) {
   auto& sky = world_.scene.create("Sky").addComponent<Skybox>();
   DirectionalLight& sun = world_.addLight({0, -1, 0});
-  const Pixel noon = draw(kSmall).at(30, 5);
+  const Pixel noon = draw(kView).at(30, 5);
   EXPECT_GT(noon[2], noon[0]);  // a blue sky
   sky.exposure = 0.3F;
-  EXPECT_LT(draw(kSmall).at(30, 5)[2], noon[2]);
+  EXPECT_LT(draw(kView).at(30, 5)[2], noon[2]);
   sky.exposure = 1.3F;
-  EXPECT_EQ(draw(kSmall).at(30, 5), noon);
+  EXPECT_EQ(draw(kView).at(30, 5), noon);
   sun.transform().setLocalRotation(turned(-10, Vec3::UnitX()));  // sun below the horizon
-  EXPECT_LT(draw(kSmall).at(30, 5)[2], noon[2]);
+  EXPECT_LT(draw(kView).at(30, 5)[2], noon[2]);
   sky.setEnabled(false);
-  EXPECT_EQ(draw(kSmall).at(30, 5), (Pixel{0, 0, 0, 255}));
+  EXPECT_EQ(draw(kView).at(30, 5), (Pixel{0, 0, 0, 255}));
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "error_of.hpp"
 #include "own_loop.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/runtime/app.hpp"
@@ -34,15 +35,6 @@ BatchSettings batchOf(int apps, const AppFactory& make) {
   settings.vision_channels = {3};
   settings.make = make;
   return settings;
-}
-
-std::string errorOf(const auto& call) {
-  try {
-    call();
-  } catch (const std::exception& error) {
-    return error.what();
-  }
-  return "none";
 }
 
 TEST(LockstepApp, ABatchPlaysAnAppWithALoopOfItsOwn) {
@@ -96,7 +88,8 @@ TEST(LockstepApp, WhatAnAppCannotIsRefusedByItsName) {
   EXPECT_EQ(unsupported([&] { OwnLoop::factory()(settings, nullptr, {}); }), "two_eyes");
   // Nothing has moved.
   EXPECT_EQ(app->log().at("Frames"), 1.0);
-  EXPECT_EQ(errorOf([&] { app->save(); }), "save: the app does not have this capability");
+  EXPECT_EQ(errorOf<std::exception>([&] { app->save(); }),
+            "save: the app does not have this capability");
 }
 
 TEST(LockstepApp, EventsComeBackWithTheStepTheyBelongTo) {
@@ -120,16 +113,16 @@ TEST(LockstepApp, TheGamesAppHasEveryCapabilityItsGameHas) {
 
 TEST(LockstepApp, AStepHasTwoHalvesInTheirOrder) {
   App app({}, render::Renderer::create(render::RendererKind::null));
-  EXPECT_EQ(errorOf([&] { app.finishStep(); }),
+  EXPECT_EQ(errorOf<std::exception>([&] { app.finishStep(); }),
             "finishStep: no round was started; call reset first");
   app.reset({.seed = 1}, player(1.0F));
-  EXPECT_EQ(errorOf([&] { app.finishStep(); }),
+  EXPECT_EQ(errorOf<std::exception>([&] { app.finishStep(); }),
             "finishStep: no step was started; call startStep first");
   const std::vector<FrameInput> frames(2, {kFrameNs, player(1.0F)});
-  EXPECT_EQ(errorOf([&] { app.startStep(frames, 2); }),
+  EXPECT_EQ(errorOf<std::exception>([&] { app.startStep(frames, 2); }),
             "drawn: got 2, expected 0 to 1, or -1 for the last frame");
   app.startStep(frames);
-  EXPECT_EQ(errorOf([&] { app.startStep(frames); }),
+  EXPECT_EQ(errorOf<std::exception>([&] { app.startStep(frames); }),
             "step: one was started already; finish it first");
   app.finishStep();
 }

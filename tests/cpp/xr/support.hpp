@@ -5,23 +5,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <functional>
 #include <string>
 
+#include "error_of.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/xr/device.hpp"
 
 namespace sim2vr::xr {
-
-template <class Error>
-std::string errorOf(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "none";
-}
 
 inline ControllerState activeController() {
   ControllerState state;

@@ -13,6 +13,8 @@
 
 namespace sim2vr::program {
 
+inline constexpr int kBadUsage = 2;  ///< Exit status.
+
 enum class Mode : std::uint8_t { serve, play, replay, list_games };
 
 struct Arguments {

@@ -8,7 +8,6 @@ namespace sim2vr::program {
 
 inline constexpr int kSuccess = 0;
 inline constexpr int kFailure = 1;
-inline constexpr int kBadUsage = 2;
 /// The client vanished or nothing came before the time-out.
 inline constexpr int kAbandoned = 3;
 

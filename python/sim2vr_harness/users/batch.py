@@ -254,7 +254,7 @@ class UserBatch:
             ValueError: the action has another shape or is not finite, a wrong `pose_samples`, or
                 a pause at no substep.
         """
-        action = _checked_action(action, self.n, self.body.action_names)
+        action = checked_action(action, self.n, self.body.action_names)
         stops = _checked_stops(self.substeps, pose_samples, pauses or {})
         ids = np.flatnonzero(~self._physics.diverged)
         before = self._physics.kept(ids)
@@ -550,7 +550,7 @@ def _require_state(state: Mapping[str, Any], expected: Mapping[str, Any]) -> Non
         raise ValueError("state simulation: got NaN or infinity, expected finite numbers")
 
 
-def _checked_action(action: ArrayLike, n: int, names: Sequence[str]) -> NDArray[np.float64]:
+def checked_action(action: ArrayLike, n: int, names: Sequence[str]) -> NDArray[np.float64]:
     """(N, A) finite actions of n users, one for each name.
 
     Raises:

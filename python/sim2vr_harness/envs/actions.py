@@ -97,7 +97,8 @@ class Actions(RowState):
 
     def remember(self, actions: ArrayLike) -> None:
         """Store the actions of a user step, (N, A)."""
-        np.clip(actions, -1.0, 1.0, out=self.last)
+        self.last[...] = actions
+        np.clip(self.last, -1.0, 1.0, out=self.last)
 
     def reset(self, ids: NDArray[np.int64]) -> None:
         """Release all inputs, center the gaze and clear the stored actions of these users."""

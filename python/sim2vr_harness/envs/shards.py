@@ -54,10 +54,8 @@ def make_simulation(
     """
     resolved = ResolvedEnv.of(env)
     config = resolved.config
-    count = config.shards
-    if count == "auto":
-        count = min(budget(config.cores) // 4, n // 8)
-    count = min(count, n)
+    few = min(budget(config.cores) // 4, n // 8)
+    count = few if config.shards == "auto" else min(config.shards, n)
     if count > 1 and log_dir is None and config.app.connect is None:
         return ShardedSimulation(resolved, n, count)
     return Simulation(resolved, n, log_dir=log_dir)
@@ -167,7 +165,6 @@ class ShardedSimulation(BaseSimulation):
         return StepBatch(**results, logs=self.logs, ends=ends)
 
     def observation(self) -> Observation:
-        """The present observation of all users: fresh arrays; see :class:`Simulation`."""
         # In the order of the senses, which a space does not keep.
         names = [sense.name or SENSES[sense.sense].key for sense in self.config.senses]
         return {name: self._shared[f"sees {name}"].copy() for name in names}
@@ -220,7 +217,6 @@ class ShardedSimulation(BaseSimulation):
             self.load_state_dict(made["state"])
 
     def close(self) -> None:
-        """End the processes and their apps; idempotent. Later calls raise RuntimeError."""
         self._closed = True
         for worker in self._workers:
             worker.close()
@@ -364,11 +360,12 @@ def serve(pipe_descriptor: int, memory_descriptor: int) -> None:
         os._exit(0)
     size = simulation.action_space.shape[0]
     shared = _Shared(n, size, simulation.observation_space, memory_descriptor)
-    names: list[str] | None = None
+    names: Sequence[str] | None = None
     call: Any = pickle.dumps(("exact_states", ()))
     with suppress(EOFError, OSError):
         while call != _CLOSE:
-            value, error = None, None
+            value: Any = None
+            failure: Exception | None = None
             try:
                 if call == _STEP:
                     resting = np.flatnonzero(~shared["active"][users])
@@ -380,17 +377,17 @@ def serve(pipe_descriptor: int, memory_descriptor: int) -> None:
                     name, arguments = pickle.loads(call)
                     found = getattr(simulation, name)
                     value = found(*arguments) if callable(found) else found
-            except Exception as failure:
-                error = _sendable(failure)
+            except Exception as error:
+                failure = _sendable(error)
             for name, rows in simulation.observation().items():
                 shared[f"sees {name}"][users] = rows
             shared["over"][users] = simulation.over
             logs = simulation.logs
-            if value is None and error is None and logs.names == names:
+            if value is None and failure is None and logs.names == names:
                 pipe.send_bytes(_STEP + logs.rows.tobytes())
             else:
                 names = logs.names
-                pipe.send((value, error, names, logs.rows))
+                pipe.send((value, failure, names, logs.rows))
             call = pipe.recv_bytes()
     simulation.close()
     os._exit(0)  # threads of renderers are not waited for

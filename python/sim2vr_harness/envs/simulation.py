@@ -311,6 +311,19 @@ class BaseSimulation:
         self._require_open()
         return packed(self.user_states())
 
+    def observation(self) -> Observation:
+        """The present observation of all users: fresh arrays, first axis N.
+
+        An entry per sense of ``config.senses``; by default ``vision`` (N, C, H, W) uint8,
+        ``proprioception`` (N, P) float32, ``stateful_information`` (N, 1) float32 (the game's
+        time feature).
+        """
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """End the apps and whatever plays them; idempotent. Later calls raise RuntimeError."""
+        raise NotImplementedError
+
     def user_states(self) -> list[bytes]:
         """Return the N parts of :meth:`state_dict`."""
         raise NotImplementedError
@@ -536,12 +549,6 @@ class Simulation(BaseSimulation):
         return self._group.logs()
 
     def observation(self) -> Observation:
-        """The present observation of all users: fresh arrays, first axis N.
-
-        An entry per sense of ``config.senses``; by default ``vision`` (N, C, H, W) uint8,
-        ``proprioception`` (N, P) float32, ``stateful_information`` (N, 1) float32 (the game's
-        time feature).
-        """
         return self._senses.perception.observe()
 
     def _step(self, actions: ArrayLike, active: NDArray[np.bool_]) -> StepBatch:
@@ -568,9 +575,9 @@ class Simulation(BaseSimulation):
         answered[users] = True
         game_reward = np.where(answered, self._group.reward, 0.0).astype(np.float64)
         terminated = diverged | (answered & (self._group.finished != 0))
-        failed = np.zeros(self.n, dtype=bool)
-        failed[list(self._group.failed)] = True
-        truncated = active & ~terminated & ((self._steps >= self.max_steps) | failed)
+        late = self._steps >= self.max_steps
+        late[list(self._group.failed)] = True
+        truncated = active & ~terminated & late
         ended = terminated | truncated
         self._over = ended | ~active
         self._senses.take(users)
@@ -662,7 +669,6 @@ class Simulation(BaseSimulation):
         return not (self._over & (self._steps == 0)).any()
 
     def close(self) -> None:
-        """End the apps; idempotent. Later calls raise RuntimeError."""
         self._closed = True
         self._apps.close()
         self._group.close()
@@ -711,7 +717,8 @@ class AppSteps:
         try:
             yield one
         finally:
-            wait(one.running)
+            if one.running:
+                wait(one.running)
 
     def beside(self) -> ThreadPoolExecutor:
         """Return the thread that apps play in while bodies move."""
@@ -741,27 +748,24 @@ class AppSteps:
 
     def poses(self, ids: IntArray, sample: int) -> DevicePoses:
         """Return the poses of these users' devices, (K, 7); see :meth:`UserBatch.device_poses`."""
-        head, right, left = (
-            pose_to_app(*(part[ids] for part in self._users.device_poses(name, sample)))
-            if name in self._users.body.devices
-            else None
-            for name in DEVICES
-        )
-        assert head is not None  # every body wears a headset
-        return DevicePoses(head, right, left)
+        return DevicePoses(**{part: rows[:, 0] for part, rows in self._rows(ids, [sample]).items()})
 
     def step_poses(self, ids: IntArray) -> DevicePoses:
         """Return the poses of these users' devices in the F frames of the last step, (K, F, 7)."""
         frames = self._config.frames_per_step
-        samples = [self.poses(ids, k) for k in range(frames)]
-        parts = ("head", "right_controller", "left_controller")
-        stacked = {
-            name: np.stack([getattr(poses, name) for poses in samples], axis=1)
-            for name in parts
-            if getattr(samples[0], name) is not None
-        }
-        poses = DevicePoses(**stacked, **self._actions.input_rows(ids, frames))
-        return self.late_hands.late(poses, ids)
+        rows = self._rows(ids, range(frames)) | self._actions.input_rows(ids, frames)
+        return self.late_hands.late(DevicePoses(**rows), ids)
+
+    def _rows(self, ids: IntArray, samples: Sequence[int]) -> dict[str, NDArray[np.float64]]:
+        found = {}
+        for part, name in zip(
+            ("head", "right_controller", "left_controller"), DEVICES, strict=True
+        ):
+            if name in self._users.body.devices:
+                poses = [pose_to_app(*self._users.device_poses(name, k)) for k in samples]
+                rows = poses[0][:, None] if len(poses) == 1 else np.stack(poses, axis=1)
+                found[part] = rows[ids]
+        return found
 
 
 class _Step:

@@ -35,7 +35,7 @@ _SAME_M and again stops at least _SHORT_M short, at most _MOST_VAIN times. A han
 target is exempt, because it may have reasons to stay."""
 
 
-_OWN_M, _SAME_THING_M, _BEFORE_M, _PARTLY = 0.15, 0.03, 0.03, (0.4, 0.85)
+_OWN_M, _SAME_THING_M, _BEFORE_M, _PARTLY = 0.15, 0.03, 0.03, (0.4, 0.95)
 """Thresholds for occlusion by the own tool: distance from the tip within which a surface may be the
 tool (m), distance beside the line of sight within which the tool may hide an object (m), distance
 before the object (m), and the visible proportion of the object's width (from, to)."""

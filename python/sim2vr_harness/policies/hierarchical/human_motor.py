@@ -567,8 +567,12 @@ class HumanHands:
             self.perception.load_state_dict(state["goals"])
 
     def aim_anew(self, ids: Tensor, far: Tensor) -> None:
-        """Set new goals of users (K,), at distances (K, H) from their hands."""
-        self.left_s[ids] = torch.nan
+        """Set new goals of users (K,), at distances (K, H) from their hands.
+
+        Accelerations of the last plan end: those of short corrections would lead far from a longer
+        movement's path.
+        """
+        self.left_s[ids], self._pushed[ids] = torch.nan, 0.0
         if self.perception is not None and len(ids):
             self.perception.forget(ids, far)
 

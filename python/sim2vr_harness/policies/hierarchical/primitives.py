@@ -106,7 +106,12 @@ _ABOVE_M = 0.01
 """A hand that is no farther beside its place does not stay before it any more."""
 _COMING_MPS = 0.1
 """A hand that is slower sideways to its place does not stay before it so far."""
-_PUSH = MOVES.index("push")
+_TAP_M, _THROUGH_M, _TAP_S = 0.02, 0.005, 0.4
+"""Hands that tap: how far behind a surface they aim, and turn back, m; the time after which they
+turn back in any case."""
+_ARC_M, _ARC_FROM_M = 0.02, 0.06
+"""How much farther from the surface than usual they come and go, and from where beside it, m."""
+_TOUCH, _PUSH = MOVES.index("touch"), MOVES.index("push")
 _SIDEWAYS = torch.tensor([[0.0, *SIDEWAYS.get(name, (0.0, 0.0))] for name in (*PLACED, "rest")])
 """(M + 1, 3) directions of swings, of all others 0; the last row is that of move -1."""
 _POINT, _PULL = PLACED.index("point"), PLACED.index("pull")
@@ -193,6 +198,8 @@ class OptionChoice:
         closed_at: (N, H, 3) position at which the hand closed.
         free: (N, H) number of the option without a place that a hand has begun.
         free_left: (N, H) remaining user steps for which this option holds its input.
+        tapped: (N, H) user steps since the hand went in for a tap; 0: it has not.
+        tapped_at: (N, H, 3) target of this tap.
     """
 
     def __init__(self, n: int, hands: int) -> None:
@@ -212,6 +219,8 @@ class OptionChoice:
         self.closed_at = torch.zeros(n, hands, 3)
         self.free = torch.zeros(n, hands, dtype=torch.long)
         self.free_left = torch.zeros(n, hands, dtype=torch.long)
+        self.tapped = torch.zeros(n, hands, dtype=torch.long)
+        self.tapped_at = torch.full((n, hands, 3), torch.inf)
 
     def copy(self) -> OptionChoice:
         """Return a copy."""
@@ -315,7 +324,11 @@ class PrimitiveController:
         beside = sideways.norm(dim=-1, keepdim=True)
         lift_m = self.manner.lift_m
         if self.manner.by_width:
-            depth = _inside(beside, 0.5 * choice.width[..., None], lift_m * self.lifts)
+            radius = 0.5 * choice.width[..., None]
+            depth = _inside(beside, radius, lift_m * self.lifts)
+            taps = (choice.move == _TOUCH)[..., None] & (self.lifts > 0.0)
+            tap = self._tap(choice, along, sideways, velocity, radius)
+            depth = torch.where(taps, tap, depth)
         else:
             lifted = ((beside - _ABOVE_M) / lift_m).clamp(0.0, 1.0)
             closing = -(velocity * sideways).sum(-1, keepdim=True) / beside.clamp(min=1e-6)
@@ -357,6 +370,45 @@ class PrimitiveController:
             else:
                 self._pointing.aim(goals, choice.correction, pointing, place)
         return goals
+
+    def _tap(
+        self,
+        choice: OptionChoice,
+        along: Tensor,
+        sideways: Tensor,
+        velocity: Tensor,
+        radius: Tensor,
+    ) -> Tensor:
+        """Return (N, H, 1) depths behind surfaces, m, of the goals of hands that tap.
+
+        A hand comes to the front of its object in an arc. It goes in when it is inside the object's
+        width, does not return before it is through, and taps the same place again after a pause.
+
+        Args:
+            choice: what the hands do; what they remember of their taps is changed in place.
+            along: (N, H, 1) distances of the tips behind their places, m.
+            sideways: (N, H, 3) from the lines of sight to the tips, m.
+            velocity: (N, H, 3) of the tips, m/s.
+            radius: (N, H, 1) radii of the objects, m.
+        """
+        step_s, beside = self.layer.step_s, sideways.norm(dim=-1)
+        soon = (sideways + step_s * velocity).norm(dim=-1)
+        inside = torch.maximum(beside, soon) < _ENTERS * radius[..., 0]
+        same = ((choice.seen - choice.tapped_at).norm(dim=-1) < _SAME_M) & (choice.move == _TOUCH)
+        choice.tapped[~same] = 0
+        choice.tapped += (choice.tapped > 0).long()
+        begins = (choice.tapped == 0) & (along[..., 0] < 0.0) & inside
+        choice.tapped[begins] = 1
+        choice.tapped_at[begins] = choice.seen[begins]
+        back = round(_TAP_S / step_s)
+        through = (choice.tapped > 0) & (along[..., 0] > _THROUGH_M)
+        choice.tapped = torch.where(through, choice.tapped.clamp(min=back), choice.tapped)
+        choice.tapped[choice.tapped > back + round(_AGAIN_S / step_s)] = 0
+        arc = ((beside - 2.0 * radius[..., 0]) / _ARC_FROM_M).clamp(0.0, 1.0)
+        arc = torch.where(choice.tapped > 0, 1.0, arc)
+        before = self.manner.lift_m + _ARC_M * arc
+        goes = (choice.tapped > 0) & (choice.tapped < back)
+        return torch.where(goes, _TAP_M, -before)[..., None]
 
     def inputs(self, choice: OptionChoice, place: Tensor) -> NDArray[np.float32]:
         """(N, F) actions of the fingers in this user step.

@@ -22,6 +22,7 @@ from sim2vr_harness.policies.hierarchical.options import (
 )
 from sim2vr_harness.policies.hierarchical.pointing import AIM_RAYS
 from sim2vr_harness.policies.hierarchical.primitives import (
+    PERSONS,
     OptionChoice,
     PrimitiveController,
 )
@@ -146,3 +147,29 @@ def test_a_run_keeps_the_ray_of_its_page(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(found, lambda *_: DeviceRay(np.zeros(3), RAY))
     said = _another_ray(again, SimpleNamespace(config=config.env))
     assert "60 degrees from that of its training" in said
+
+
+@pytest.mark.parametrize(("lifts", "passages"), [(1.0, [1, 2]), (0.0, [1, 1])])
+def test_hands_that_lift_off_tap_once_and_again_after_a_pause(
+    layer: MotorPolicy, lifts: float, passages: list[int]
+) -> None:
+    """A hand goes halfway to its goal in every user step; the surface is 0.4 m ahead."""
+    still = PrimitiveController(
+        layer, torch.zeros(1, 2, 3), poses(layer), manner=PERSONS, rays=AIM_RAYS
+    )
+    still.lifts = torch.full((1, 1, 1), lifts)
+    choice, target = OptionChoice(1, 1), torch.tensor([0.4, 0.0, 1.2])
+    choice.move[:] = MOVES.index("touch")
+    choice.seen[:] = choice.place[:] = target
+    choice.width[:] = 0.03
+    head, hand = torch.tensor([[0.0, 0.0, 1.2]]), torch.eye(4)[None, None].clone()
+    hand[..., :3, 3] = torch.tensor([0.3, 0.2, 1.1])
+    x = [0.3]
+    for _ in range(40):  # a tap takes about 0.5 s here, the pause 0.6 s
+        goal = still.goals(choice, head, hand, hand).place
+        hand[..., :3, 3] += 0.5 * (goal - hand[..., :3, 3])
+        x.append(float(hand[0, 0, 0, 3]))
+        if x[-2] <= 0.4 < x[-1]:
+            assert float((hand[0, 0, :3, 3] - target)[1:].norm()) < 0.015
+    behind = np.diff(np.array(x) > 0.4, prepend=False)
+    assert [int(behind[:n].sum() + 1) // 2 for n in (20, 40)] == passages

@@ -153,6 +153,12 @@ class SimulatedUser:
             user = user.model_copy(update={"people": user.people.model_copy(update={"seed": seed})})
         return env.changed(user=user)
 
+    def with_person(
+        self, env: ResolvedEnv, number: int | None, seed: int, overrides: Sequence[str] = ()
+    ) -> ResolvedEnv:
+        """Return its environment with the first persons of a seed, up to a number from 0."""
+        return env if number is None else self.with_people(env, number + 1, seed, overrides)
+
     def require_contract(self, env: ResolvedEnv) -> None:
         """Refuse an environment that it cannot play in; without training it plays in any.
 

@@ -48,6 +48,8 @@ from sim2vr_harness.base.cores import available
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.evaluation.request import Request
 from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.tools.users import environment_of
@@ -83,16 +85,29 @@ def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Aud
     targets = [
         each if each.from_head else replace(each, place_m=each.place_m - down_m) for each in targets
     ]
-    return run(
+    audit = run(
         request.title,
         targets,
         people=request.people or 500,
         seed=request.seed,
         stance=cast("Stance", request.stance),
         pace=request.pace,
-        operate=request.operate,
+        operate=0 if request.script else request.operate,
         say=say,
     )
+    if request.script is None:
+        return audit
+    say(f"{request.operate} persons carry out {request.script!r} ...")
+    asked = Request(
+        conditions=request.condition,
+        episodes=1,
+        people=request.operate,
+        seed=request.seed,
+        overrides=request.overrides,
+        trust_app=request.trust_app,
+        app=request.app or {"game": request.game, "transport": "in_process"},
+    )
+    return replace(audit, script=request.script, rounds=evaluate(request.script, asked).rounds)
 
 
 def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:

@@ -276,6 +276,18 @@ def _sections(
     sections.append(("Neck and eyes", [table(_NECK_HEADER, necks), _NECK]))
     if any(each["operated"] for each in values["targets"]):
         sections.append(("Acted out", [_operated_table(values), _OPERATED]))
+    if values["script"]:
+        header = ("persons", "did it", "s per step", "proportion beside", "steps not done", "why")
+        done = [
+            (
+                str(each["n"]),
+                str(each["done"]),
+                *("-" if each[key] is None else f"{each[key]:.2f}" for key in _CARRIED),
+                ", ".join(f"{why} ({n})" for why, n in each["excluded"].items()) or "-",
+            )
+            for each in values["carried_out"]
+        ]
+        sections.append((f"Carried out: {values['script']}", [table(header, done), _SCRIPT]))
     if values["paths"]:
         paths = [
             (f"{path['start']} to {path['end']}", f"{path['mean']:.2f}", f"{path['peak']:.2f}")
@@ -321,6 +333,11 @@ _ANSWER: tuple[str, ...] = (
 _OPERATED = (
     "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "
     "0.15 s. An attempt takes up to 6 s. Predicted: those whose muscles suffice."
+)
+_CARRIED = ("step_time", "step_misses", "steps_failed")
+_SCRIPT = (
+    "Persons of the population carry out the script in the app by their muscles, with their own "
+    "delays and noise. Values are means of those who did a step; a row is a condition."
 )
 _PATHS = (
     "Torque at the shoulder of the person of median stature who moves from one target to the next "

@@ -7,6 +7,7 @@ from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.requests import ChangedEnvironment, Expected, TrustedApp, option
+from sim2vr_harness.policies.scripted import is_script
 
 _MOST_PEOPLE = 10_000
 
@@ -43,7 +44,7 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
     seconds: float = option("How long to look at each round of the game, or at the page.", 10.0)
     user: str | None = option(
         "Audit this user alone: a body or its YAML file, a configuration, or a trained user. Draws "
-        "the hull of what it reaches.",
+        "the hull of what it reaches. With --operate: a script, such as 'press lit by ray'.",
         metavar="USER",
         names="users",
     )
@@ -72,10 +73,15 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
         "By how much the app raises its users above where they are, m; lower: negative.", 0.0
     )
     pace: float = option("Uses of a target in a minute.", 20.0, metavar="N")
-    operate: int = option("How many persons act it out.", 0, metavar="N")
+    operate: int = option("How many persons act it out, or carry out the script of --user.", 0, metavar="N")
     seed: int = option("Other persons for another seed.", 1)
     out: Path = option("Folder for the files.", Path("audit"), place="folder to write")
     app: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def script(self) -> str | None:
+        """What virtual participants do in the app; None: there is no script."""
+        return self.user if self.user and self.operate and is_script(self.user) else None
 
     def check(self) -> None:
         """Refuse options that are out of range or do not go together.
@@ -106,7 +112,9 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
     def _check_together(self) -> None:
         page, alone = self.app.get("page"), AuditRequest()
         listed = bool(self.targets) or self.session is not None
-        if self.user is None:
+        if self.script and self.game is None and not self.app:
+            raise InputError("--user", "a script without an app", "it with --game or --page")
+        if self.user is None or self.script:
             for flag in ("point", "tool", "cell", "pose", "load"):
                 if getattr(self, flag) != getattr(alone, flag):
                     raise InputError(f"--{flag}", "it without --user", "it with --user")
@@ -120,7 +128,9 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
             if self.overrides and self.game is None and not self.app:
                 raise InputError("--set", "it without an app", "it with --game or --page")
         for flag in (
-            ("stance", "height_offset", "pace", "operate", "how", "expect") if self.user else ()
+            ("stance", "height_offset", "pace", "operate", "how", "expect")
+            if self.user and not self.script
+            else ()
         ):
             if getattr(self, flag) != getattr(alone, flag):
                 expected = "it without --user: it is about a population"

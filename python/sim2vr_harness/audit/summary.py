@@ -15,6 +15,7 @@ from sim2vr_harness.audit.reaching import Bools, FloatArray, Ints
 from sim2vr_harness.audit.remedies import Remedy
 from sim2vr_harness.audit.targets import Target
 from sim2vr_harness.evaluation.expectations import Estimate
+from sim2vr_harness.play.round import Round
 from sim2vr_harness.statistics.intervals import wilson_interval
 
 
@@ -105,6 +106,8 @@ class Audit:
         landmarks_m: (3, 3) its eyes and shoulders: right, up, ahead.
         paths: Its movements from target to target.
         acted: Outcome of each target for each person with simulated reaches; None: not simulated.
+        script: What some persons did in the app; empty: nothing.
+        rounds: Of each of them, and of each condition.
     """
 
     title: str
@@ -122,6 +125,8 @@ class Audit:
     landmarks_m: FloatArray
     paths: Sequence[AuditPath]
     acted: Sequence[Sequence[Acted | None]] = ()
+    script: str = ""
+    rounds: Sequence[Round] = ()
 
     def columns(self) -> list[tuple[str, Limitation | None, Judged, Ints]]:
         """Return name, limitation, verdicts and members of all groups, everyone first."""
@@ -161,6 +166,7 @@ def estimates(audit: Audit) -> dict[str, dict[str, Estimate]]:
 
 def plain(audit: Audit) -> dict[str, Any]:
     """Return the audit for JSON."""
+    conditions = dict.fromkeys(each.condition for each in audit.rounds)
     return {
         "title": audit.title,
         "seed": audit.seed,
@@ -180,6 +186,26 @@ def plain(audit: Audit) -> dict[str, Any]:
             for path in audit.paths
         ],
         "groups": [_group(audit, *row) for row in audit.columns()],
+        "script": audit.script,
+        "carried_out": [_carried_out(audit.rounds, each) for each in conditions],
+    }
+
+
+def _carried_out(rounds: Sequence[Round], condition: str) -> dict[str, Any]:
+    """Return how many persons did a script in a condition, their means, and why others did not."""
+    own = [each for each in rounds if each.condition == condition]
+    done = [each for each in own if (each.values["steps_done"] or 0.0) > 0.0]
+    names = ("step_time", "step_misses", "steps_failed")
+    means = {name: [each.values[name] for each in done] for name in names}
+    return {
+        "condition": condition,
+        "n": len(own),
+        "done": len(done),
+        **{
+            name: round(float(np.mean(np.array(values, dtype=float))), 4) if values else None
+            for name, values in means.items()
+        },
+        "excluded": dict(Counter(each.excluded for each in own if each.excluded)),
     }
 
 

@@ -50,7 +50,7 @@ def audit(options: AuditOptions) -> int:
         for text in options.expect
     )
     checked = CheckedRun(replace(options, expect=with_group), "audit")
-    if request.user is not None:
+    if request.user is not None and request.script is None:
         _of_user(request, options.out)
         return 0
     if checked.asked:

@@ -91,6 +91,7 @@ def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Aud
         people=request.people or 500,
         seed=request.seed,
         stance=cast("Stance", request.stance),
+        recline_deg=request.recline,
         pace=request.pace,
         operate=0 if request.script else request.operate,
         say=say,
@@ -206,9 +207,10 @@ def _of_game(request: AuditRequest, condition: str | None, say: Say) -> list[Tar
     return [replace(each, name=f"{condition or ''} {each.name}".strip()) for each in found]
 
 
-def limitations_of(stance: str) -> tuple[Limitation, ...]:
-    """Return the limitations that differ from an audit with a stance."""
-    return tuple(each for each in LIMITATIONS if each.stance != stance or each.lift_m)
+def limitations_of(stance: str, recline_deg: float) -> tuple[Limitation, ...]:
+    """Return the limitations that differ from an audit with a posture."""
+    own = stance, recline_deg
+    return tuple(e for e in LIMITATIONS if (e.stance, e.recline_deg) != own or e.lift_m)
 
 
 def limited_persons(people: int) -> int:
@@ -223,6 +225,7 @@ def run(
     people: int = 500,
     seed: int = 1,
     stance: Stance = "seated",
+    recline_deg: float = 0.0,
     pace: float = 20.0,
     operate: int = 0,
     processes: int = 0,
@@ -236,19 +239,20 @@ def run(
         people: Persons of the population.
         seed: Of the population.
         stance: Of everyone.
+        recline_deg: By how much everyone's trunk leans back.
         pace: Uses of a target in a minute.
         operate: Number of persons with simulated reaches.
         processes: At most; 0: one per core. The number does not change any result.
         say: Receives the present activity.
     """
     say(f"{people} persons, {len(targets)} targets ...")
-    subjects = draw(people, seed)
+    subjects = draw(people, seed, recline_deg)
     everyone = Crowd(subjects, stance, NONE)
     # The same parts for any number of processes, so that this number changes no result: everyone on
     # some targets each, and some of them with each limitation on all targets.
     parts = Parts(processes)
     few = subjects[: limited_persons(len(subjects))]
-    every, limitations = np.arange(len(targets)), limitations_of(stance)
+    every, limitations = np.arange(len(targets)), limitations_of(stance, recline_deg)
     jobs = [(everyone, each, NONE) for each in np.array_split(every, _PARTS) if len(each)]
     count = len(jobs)
     jobs += [(Crowd(few, stance, limitation), every, limitation) for limitation in limitations]
@@ -280,17 +284,15 @@ def run(
     return Audit(
         title=title,
         seed=seed,
-        stance=stance,
+        stance=stance if recline_deg == 0.0 else "reclined",
         pace=pace,
         targets=targets,
-        subjects=subjects,
-        lifts_m=everyone.lift_m,
+        crowd=everyone,
         judged=judged,
         groups=groups_of(subjects),
         limited=limited,
         remedies=remedies,
         middle=middle,
-        landmarks_m=everyone.landmarks(middle),
         paths=[AuditPath(targets[a].name, targets[b].name, *load) for a, b, load in pairs],
         acted=acted,
     )

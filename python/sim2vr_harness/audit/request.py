@@ -69,11 +69,16 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
         shown="500; with --user it alone",
     )
     stance: str = option("Of the persons: seated or standing.", "seated", metavar="STANCE")
+    recline: float = option(
+        "By how much the trunk leans back about the hips, degrees; 90: the persons lie.", 0.0
+    )
     height_offset: float = option(
         "By how much the app raises its users above where they are, m; lower: negative.", 0.0
     )
     pace: float = option("Uses of a target in a minute.", 20.0, metavar="N")
-    operate: int = option("How many persons act it out, or carry out the script of --user.", 0, metavar="N")
+    operate: int = option(
+        "How many persons act it out, or carry out the script of --user.", 0, metavar="N"
+    )
     seed: int = option("Other persons for another seed.", 1)
     out: Path = option("Folder for the files.", Path("audit"), place="folder to write")
     app: Mapping[str, Any] = field(default_factory=dict)
@@ -96,12 +101,15 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
         ):
             if got not in known:
                 raise InputError(flag, repr(got), " or ".join(known))
+        if self.recline and self.stance == "standing":
+            raise InputError("--recline", "it with --stance standing", "it with --stance seated")
         people = 500 if self.people is None else self.people
         for flag, number, low, high, expected in (
             ("--people", people, 1, _MOST_PEOPLE, f"1 to {_MOST_PEOPLE:,}"),
             ("--seed", self.seed, 0, 2**31 - 1, f"0 to {2**31 - 1}"),
             ("--pace", self.pace, 0.1, 120.0, "0.1 to 120 uses in a minute"),
             ("--operate", self.operate, 0, people, f"0 to the {people} persons of --people"),
+            ("--recline", self.recline, 0.0, 90.0, "0 to 90 degrees"),
             ("--height-offset", self.height_offset, -2.0, 2.0, "-2 to 2 m"),
             ("--cell", self.cell, 0.01, 0.2, "0.01 to 0.2 m"),
             ("--seconds", self.seconds, 1e-9, 600.0, "more than 0, at most 600"),
@@ -128,7 +136,7 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
             if self.overrides and self.game is None and not self.app:
                 raise InputError("--set", "it without an app", "it with --game or --page")
         for flag in (
-            ("stance", "height_offset", "pace", "operate", "how", "expect")
+            ("stance", "recline", "height_offset", "pace", "operate", "how", "expect")
             if self.user and not self.script
             else ()
         ):

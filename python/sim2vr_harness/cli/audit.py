@@ -99,5 +99,5 @@ def _planned(request: AuditRequest) -> Planned:
     from sim2vr_harness.audit.summary import EVERYONE, MEASURES
     from sim2vr_harness.evaluation.expectations import Planned
 
-    limited = (each.name for each in limitations_of(request.stance))
+    limited = (each.name for each in limitations_of(request.stance, request.recline))
     return Planned((EVERYONE, *GROUPS, *limited), MEASURES, ())

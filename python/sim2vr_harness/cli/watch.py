@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WatchRequest(
-    ActionMode, AnyUser, ChangedEnvironment, OnePerson, TrustedApp, PageOptions
-):
+class WatchRequest(ActionMode, AnyUser, ChangedEnvironment, OnePerson, TrustedApp, PageOptions):
     """What to watch, and where."""
 
     run: str | None = argument(

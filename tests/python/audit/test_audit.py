@@ -12,7 +12,16 @@ from scipy.special import ndtr
 
 from sim2vr_harness.audit.acting import Actor, act_out
 from sim2vr_harness.audit.auditing import Parts, run
-from sim2vr_harness.audit.judging import can_grip, gaze, grip_share, grip_time, hold, judge, seen
+from sim2vr_harness.audit.judging import (
+    can_grip,
+    gaze,
+    grip_share,
+    grip_time,
+    hold,
+    judge,
+    seen,
+    steady,
+)
 from sim2vr_harness.audit.pacing import PACING, Paced, minutes_at_pace, path_loads
 from sim2vr_harness.audit.pages import FoundThing, Way, things_as_targets
 from sim2vr_harness.audit.population import LIMITATIONS, NONE, Limitation, draw, groups_of
@@ -139,6 +148,39 @@ def test_who_stands_or_sits_higher_reaches_the_same_places_from_higher_up(crowd:
     seated, higher = solved(crowd, place), solved(standing, place + lift)
     np.testing.assert_allclose(higher.angles[0, 0], seated.angles[0, 0], atol=1e-9)
     np.testing.assert_allclose(higher.nearest - seated.nearest, lift[None], atol=1e-9)
+
+
+def test_who_lies_reaches_up_as_others_reach_ahead_and_holds_it_by_less(crowd: Crowd) -> None:
+    """About the hips, by 90 degrees: ahead becomes up; above the shoulder, weight has no moment."""
+    lying, arm = Crowd(crowd.subjects[:1], "seated", of_name("lying on the back")), [0.45, 0.0, 0.0]
+    hips = posed(crowd).joint("trunk_flexion").xanchor
+    head, place = crowd.heads[0] - hips, straight_arm(crowd)[0] + arm - hips
+    np.testing.assert_allclose(lying.heads[0], hips + np.array([-head[2], head[1], head[0]]))
+    above = hips + np.array([-place[2], place[1], place[0]])
+    raised = solved(lying, above[None])
+    assert raised.reached.all()
+    np.testing.assert_allclose(raised.nearest[0], above, atol=2e-3)
+    joints = crowd.subjects[0].body.independent_joints
+    straight = np.radians([90.0 * (j in ("shoulder_elv", "elv_angle")) for j in joints])
+    loads = [each.subjects[0].holder.load(straight, 0.0).torque for each in (crowd, lying)]
+    assert loads[1] < 0.1 * loads[0]
+
+
+@pytest.mark.parametrize(
+    ("how", "radius_m", "kept"),
+    [
+        ("touch", 0.005, False),  # inside for 2 / pi arcsin(1/2) = 1/3 of the time
+        ("touch", 0.008, True),  # .59
+        ("press", 0.008, False),  # .59, less 2 x 5 Hz x .1 s
+        ("press", 0.010, True),
+        ("press", 0.0, True),  # of unknown size
+        ("point", 0.020, False),  # 1 cm at .35 m is 4 cm at 1.4 m
+        ("point", 0.041, True),
+    ],
+)
+def test_a_tremor_misses_targets_that_are_narrower(how: Any, radius_m: float, kept: bool) -> None:
+    shaking, one = of_name("tremor: 1 cm at 5 Hz"), target("key", 0, 1, 1.4, radius_m=radius_m)
+    assert steady(replace(one, how=how), np.array([1.4, 0.0, 1.0]), shaking) is kept
 
 
 def test_a_ray_of_the_app_s_own_hits_the_place(crowd: Crowd) -> None:

@@ -21,7 +21,7 @@ from sim2vr_harness.client.tasks.events import EVENT_VALUE, count_key
 from sim2vr_harness.policies.hierarchical.human_motor import RECOGNITION_S, SAME_M
 from sim2vr_harness.policies.hierarchical.motor_policy import WIDTH_M
 from sim2vr_harness.policies.protocol import Observation
-from sim2vr_harness.policies.scripted.hand import By, Hand
+from sim2vr_harness.policies.scripted.hand import By, Hand, head_angles
 from sim2vr_harness.policies.scripted.outcomes import StepOutcome
 from sim2vr_harness.policies.scripted.person import PersonHand, PersonMotor
 from sim2vr_harness.policies.scripted.places import Places, own_ray
@@ -279,6 +279,8 @@ class Episode:
             seen = [true, *(self._seen if outcome.by == "touch" else ())]
             off_m = min(self.hand.off_m(one, outcome.by) for one in seen if one is not None)
             outcome.missed = off_m > 0.5 * wide
+            if "headset" in self._simulation.body.devices:
+                outcome.head_deg = head_angles(self._simulation.users, self._user, true)
         self._since = self._now + 1  # what this brings up is not there before
         if step.kind in ("touch", "point"):
             yield from self._stay(_HOLD_S)

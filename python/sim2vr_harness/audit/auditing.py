@@ -14,7 +14,6 @@ from typing import TypeVar, cast
 
 import numpy as np
 
-from sim2vr_harness.audit.acting import act_out
 from sim2vr_harness.audit.hull import Measured, chosen_point, measure, people_margins
 from sim2vr_harness.audit.judging import Judged, judge
 from sim2vr_harness.audit.pacing import path_loads
@@ -93,7 +92,6 @@ def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Aud
         stance=cast("Stance", request.stance),
         recline_deg=request.recline,
         pace=request.pace,
-        operate=0 if request.script else request.operate,
         say=say,
     )
     if request.script is None:
@@ -227,7 +225,6 @@ def run(
     stance: Stance = "seated",
     recline_deg: float = 0.0,
     pace: float = 20.0,
-    operate: int = 0,
     processes: int = 0,
     say: Say = lambda text: None,
 ) -> Audit:
@@ -241,7 +238,6 @@ def run(
         stance: Of everyone.
         recline_deg: By how much everyone's trunk leans back.
         pace: Uses of a target in a minute.
-        operate: Number of persons with simulated reaches.
         processes: At most; 0: one per core. The number does not change any result.
         say: Receives the present activity.
     """
@@ -271,10 +267,6 @@ def run(
     fixes = parts.run(lambda i: remedy(everyone, targets[i], judged, i), missed)
     found = dict(zip(missed, fixes, strict=True))
     remedies = [found.get(i) for i in range(len(targets))]
-    acting = min(operate, people)
-    if acting:
-        say(f"{acting} persons act it out ...")
-    acted = parts.run(lambda person: act_out(everyone, person, targets, judged), range(acting))
     middle = sorted(range(people), key=lambda i: subjects[i].person.stature_m)[people // 2]
     # Its paths from each target that it reaches to the next one.
     postures = judged.postures[middle]
@@ -294,7 +286,6 @@ def run(
         remedies=remedies,
         middle=middle,
         paths=[AuditPath(targets[a].name, targets[b].name, *load) for a, b, load in pairs],
-        acted=acted,
     )
 
 

@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,11 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from sim2vr_harness.audit.acting import Actor
 from sim2vr_harness.audit.hull import ball_scene
 from sim2vr_harness.audit.judging import GRIP
 from sim2vr_harness.audit.pacing import MODELS
-from sim2vr_harness.audit.population import FEWEST, MODEL
+from sim2vr_harness.audit.population import FEWEST, MODEL, Subject
+from sim2vr_harness.audit.postures import BALANCE
 from sim2vr_harness.audit.remedies import GOAL
 from sim2vr_harness.audit.summary import CLAUSES, EVERYONE, Audit, plain
 from sim2vr_harness.base.files import naming, write_atomically
@@ -25,7 +25,8 @@ from sim2vr_harness.figures.figure import Path as Places
 from sim2vr_harness.figures.html import Part, drawn, image, listed, save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.play.film import Film
-from sim2vr_harness.users import load_body
+from sim2vr_harness.users import UserBatch, load_body
+from sim2vr_harness.users.kinematics.posture_controller import PostureController
 from sim2vr_harness.users.rendering import OrbitView, RenderingError, UserRenderer
 
 FloatArray = NDArray[np.float64]
@@ -51,6 +52,11 @@ _CLASSES = (
     (0.5, "50 to 80 %", "#d55e00"),
     (0.0, "fewer than 50 %", "#b3201f"),
 )
+_SETTLED, _SECONDS = 3, 6.0
+"""User steps in a row that a hand that is filmed has to be near, and time at most."""
+_IDLE_S, _NEARER = 1.5, 0.01
+"""Time and proportion: a reach ends when the distance has decreased by less within this time."""
+_DEVICE = "controller_right"
 _SIZE = (640, 480)
 _RED, _GREY = (0.7, 0.12, 0.1, 1.0), (0.5, 0.55, 0.6, 1.0)
 _BALL_M = 0.04
@@ -273,8 +279,6 @@ def _sections(
         for each in values["targets"]
     ]
     sections.append(("Neck and eyes", [table(_NECK_HEADER, necks), _NECK]))
-    if any(each["operated"] for each in values["targets"]):
-        sections.append(("Acted out", [_operated_table(values), _OPERATED]))
     if values["script"]:
         header = ("persons", "did it", "s per step", "proportion beside", "steps not done", "why")
         done = [
@@ -329,10 +333,6 @@ _ANSWER: tuple[str, ...] = (
     "can use it",
     "why not",
     "smallest change that includes 95 %",
-)
-_OPERATED = (
-    "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "
-    "0.15 s. An attempt takes up to 6 s. Predicted: those whose muscles suffice."
 )
 _CARRIED = ("step_time", "step_misses", "steps_failed")
 _SCRIPT = (
@@ -421,24 +421,6 @@ def _spread(target: Mapping[str, Any], key: str) -> str:
     return middle if low == middle == high else f"{middle} ({low} to {high})"
 
 
-def _operated_table(values: Mapping[str, Any]) -> Markup:
-    rows = [
-        [
-            target["name"],
-            f"{each['done']} of {each['n']}",
-            f"{each['predicted']} of {each['n']}",
-            f"{each['agree']} of {each['n']}",
-            "-" if each["seconds"] is None else f"{each['seconds']:.2f}",
-            "-" if each["attempts"] is None else f"{each['attempts']:.2f}",
-        ]
-        for target in values["targets"]
-        if (each := target["operated"]) is not None
-    ]
-    return table(
-        ["target", "got there", "predicted", "as predicted", "s (median)", "attempts (mean)"], rows
-    )
-
-
 def _space(audit: Audit) -> Panel:
     """Return the targets, the eyes and the shoulders of the person of median stature."""
     usable = audit.judged.usable.mean(axis=0)
@@ -484,6 +466,41 @@ def worst_case(audit: Audit) -> tuple[int, int] | None:
     return int(gaps.argmax()), target
 
 
+def act_out(
+    subject: Subject,
+    place: FloatArray,
+    watch: Callable[[FloatArray, FloatArray], None] = lambda qpos, activations: None,
+    posture: FloatArray | None = None,
+) -> tuple[bool, float]:
+    """Bring the right hand from rest to a place; return if it stays there, and its least gap, m.
+
+    Args:
+        subject: The person.
+        place: (3,) in the body's own frame, m.
+        watch: Receives posture (nq,) and activations (M,) after each user step.
+        posture: (J,) of the independent joints, to try; None: one is searched.
+    """
+    users = UserBatch(subject.body, 1, threads=1)
+    controller = PostureController(subject.body, _DEVICE)
+    users.reset([0], [np.random.default_rng(1)])
+    controller.begin()
+    if posture is None:
+        posture = controller.find(controller.angles(users.qpos[0]), place=place).angles
+    settled, nearer, idle = 0, 0, round(_IDLE_S / users.dt)
+    gaps: list[float] = []
+    for step in range(round(_SECONDS / users.dt)):
+        gaps.append(float(np.linalg.norm(place - users.device_poses(_DEVICE)[0][0])))
+        settled = settled + 1 if gaps[-1] <= BALANCE.near_m else 0
+        if step < idle or gaps[-1] < (1.0 - _NEARER) * gaps[step - idle]:
+            nearer = step
+        if settled == _SETTLED or step - nearer >= idle:
+            break
+        action = controller.towards(users.qpos[0], users.qvel[0], users.act[0], posture)
+        users.step(action[None])
+        watch(users.qpos[0], users.act[0])
+    return settled == _SETTLED, min(gaps)
+
+
 def write_film(audit: Audit, file: Path) -> Path | None:
     """Write a film of the worst case's reach; None: there is no worst case.
 
@@ -507,9 +524,7 @@ def write_film(audit: Audit, file: Path) -> Path | None:
     colours[column] = _RED
     scene = ball_scene(list(position_to_app(places)), colours, _BALL_M)
     frames: list[tuple[FloatArray, FloatArray]] = []
-    Actor(subject, watch=lambda qpos, act: frames.append((qpos, act))).act(
-        places[column], np.zeros((0, 0))
-    )
+    act_out(subject, places[column], lambda qpos, act: frames.append((qpos, act)))
     body = load_body(MODEL, person=subject.user.person, torso=True, appearance=True)
     film = Film(file, *_SIZE, fps=20.0)
     try:

@@ -44,7 +44,7 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
     seconds: float = option("How long to look at each round of the game, or at the page.", 10.0)
     user: str | None = option(
         "Audit this user alone: a body or its YAML file, a configuration, or a trained user. Draws "
-        "the hull of what it reaches. With --operate: a script, such as 'press lit by ray'.",
+        "the hull of what it reaches. With --operate: a script, carried out by a population.",
         metavar="USER",
         names="users",
     )
@@ -77,7 +77,7 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
     )
     pace: float = option("Uses of a target in a minute.", 20.0, metavar="N")
     operate: int = option(
-        "How many persons act it out, or carry out the script of --user.", 0, metavar="N"
+        "With a script as --user: how many persons carry it out in the app.", 0, metavar="N"
     )
     seed: int = option("Other persons for another seed.", 1)
     out: Path = option("Folder for the files.", Path("audit"), place="folder to write")
@@ -122,6 +122,9 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
         listed = bool(self.targets) or self.session is not None
         if self.script and self.game is None and not self.app:
             raise InputError("--user", "a script without an app", "it with --game or --page")
+        if self.operate and not self.script:
+            expected = "it with a script as --user, such as --user 'press lit by ray'"
+            raise InputError("--operate", str(self.operate), expected)
         if self.user is None or self.script:
             for flag in ("point", "tool", "cell", "pose", "load"):
                 if getattr(self, flag) != getattr(alone, flag):
@@ -136,7 +139,7 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
             if self.overrides and self.game is None and not self.app:
                 raise InputError("--set", "it without an app", "it with --game or --page")
         for flag in (
-            ("stance", "recline", "height_offset", "pace", "operate", "how", "expect")
+            ("stance", "recline", "height_offset", "pace", "how", "expect")
             if self.user and not self.script
             else ()
         ):

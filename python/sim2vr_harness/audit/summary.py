@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.audit.acting import Acted
 from sim2vr_harness.audit.judging import EASY_RAISED_DEG, Judged, can_grip, steady
 from sim2vr_harness.audit.pacing import MODELS
 from sim2vr_harness.audit.population import FEWEST, Group, Limitation, Subject
-from sim2vr_harness.audit.reaching import Bools, Crowd, FloatArray, Ints
+from sim2vr_harness.audit.reaching import Crowd, FloatArray, Ints
 from sim2vr_harness.audit.remedies import Remedy
 from sim2vr_harness.audit.targets import Target
 from sim2vr_harness.client.frames import position_to_mujoco
@@ -107,7 +106,6 @@ class Audit:
         remedies: (T,) changes that would include 95 %; None if 95 % are included.
         middle: Number of the person of median stature.
         paths: Its movements from target to target.
-        acted: Outcome of each target for each person with simulated reaches; None: not simulated.
         script: What some persons did in the app; empty: nothing.
         rounds: Of each of them, and of each condition.
     """
@@ -124,7 +122,6 @@ class Audit:
     remedies: Sequence[Remedy | None]
     middle: int
     paths: Sequence[AuditPath]
-    acted: Sequence[Sequence[Acted | None]] = ()
     script: str = ""
     rounds: Sequence[Round] = ()
 
@@ -249,27 +246,6 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
         "clauses": [CLAUSES[each] for each in causes(judged, target, column, every)],
         "gaze": _gaze(judged.gaze[:, :, column]),
         "exertion": _exertion(judged, column),
-        "operated": _operated([each[column] for each in audit.acted], able[:, column]),
-    }
-
-
-def _operated(acted: Sequence[Acted | None], able: Bools) -> dict[str, Any] | None:
-    """Return the number of successful simulated reaches, their time (median) and attempts (mean).
-
-    ``able``: (N,) True if the muscles' equilibrium predicts success.
-    """
-    tried = [(each, bool(yes)) for each, yes in zip(acted, able, strict=False) if each is not None]
-    if not tried:
-        return None
-    done = [each for each, _ in tried if each.seconds is not None]
-    seconds = [each.seconds for each in done if each.seconds is not None]
-    return {
-        "n": len(tried),
-        "done": len(done),
-        "predicted": sum(yes for _, yes in tried),
-        "agree": sum(yes == each.done for each, yes in tried),
-        "seconds": round(float(np.median(seconds)), 2) if done else None,
-        "attempts": round(float(np.mean([each.attempts for each in done])), 2) if done else None,
     }
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from sim2vr_harness.audit.acting import Actor, act_out
 from sim2vr_harness.audit.auditing import Parts, run
 from sim2vr_harness.audit.judging import (
     can_grip,
@@ -29,6 +28,7 @@ from sim2vr_harness.audit.postures import BALANCE, Balancer
 from sim2vr_harness.audit.reaching import Crowd, Rows
 from sim2vr_harness.audit.remedies import GOAL, remedy
 from sim2vr_harness.audit.report import (
+    act_out,
     answers,
     headline,
     unanswered,
@@ -51,7 +51,6 @@ from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.users.exertion import Strength
 from sim2vr_harness.users.kinematics.posture_controller import DeviceRay
 
-NO_POSTURES = np.zeros((0, 0))
 RAY = DeviceRay(np.array([0.0, 0.05, 0.0]), np.array([1.0, 0.0, 0.0]))
 """From 5 cm beside the grip, straight ahead of it: 60 degrees from WebXR's."""
 UPRIGHT = {f"trunk_{joint}": (0.0, 0.0) for joint in ("flexion", "bending", "rotation")}
@@ -507,35 +506,12 @@ def test_higher_moles_tire_more(crowd: Crowd) -> None:
 
 
 def test_near_places_are_reached_by_muscles_and_far_ones_not(crowd: Crowd) -> None:
-    actor = Actor(crowd.subjects[0])
-    near = actor.act(np.array([0.4, -0.2, 1.0]), NO_POSTURES)
-    far = actor.act(np.array([2.0, -0.2, 1.0]), NO_POSTURES)
-    assert near.done
-    assert near.gap <= 0.02
-    assert 0.2 < (near.seconds or 0.0) < 3.0
-    assert (far.done, far.attempts) == (False, 1)
-    assert far.gap > 0.5
-
-
-def test_a_ray_is_brought_to_the_place_by_muscles(crowd: Crowd) -> None:
-    subject, place, last = crowd.subjects[0], np.array([2.0, 0.2, 1.2]), []
-    actor = Actor(subject, watch=lambda qpos, _: last.append(qpos))
-    assert actor.act(place, NO_POSTURES, ray=RAY).done
-    data = mujoco.MjData(subject.body.physics_model)
-    data.qpos[:] = last[-1]
-    mujoco.mj_kinematics(subject.body.physics_model, data)
-    site = data.site("controller_right")
-    turn = site.xmat.reshape(3, 3)
-    gap = place - site.xpos - turn @ RAY.origin_m
-    assert np.degrees(np.arccos(turn[:, 0] @ gap / np.linalg.norm(gap))) < 1.5
-
-
-def test_the_hand_that_was_judged_acts_it_out(crowd: Crowd) -> None:
-    one, left = Crowd(crowd.subjects[:1], "seated", NONE), target("left", -0.75, 1.0, 0.05)
-    judged = judge(one, [left], NONE, muscles=True)
-    assert judged.reached.all() and judged.feasible.all()
-    (acted,) = act_out(one, 0, [left], judged)
-    assert acted is not None and acted.done
+    steps: list[Any] = []
+    place = np.array([0.4, -0.2, 1.0])
+    assert act_out(crowd.subjects[0], place, lambda *moment: steps.append(moment))[0]
+    assert 0.2 < 0.05 * len(steps) < 3.0
+    there, gap_m = act_out(crowd.subjects[0], place + np.array([1.6, 0.0, 0.0]))
+    assert not there and gap_m > 0.5
 
 
 # --- targets -------------------------------------------------------------------------------------
@@ -599,7 +575,8 @@ def test_bad_files_name_the_field(tmp_path: Path, text: str, message: str) -> No
         ({"targets": ["0,1,0"], "objects": "a"}, "--condition or --objects: got it without"),
         ({"game": "sample", "how": "grab"}, "--how: got 'grab', expected touch or point"),
         ({"game": "sample", "stance": "lying"}, "--stance: got 'lying'"),
-        ({"game": "sample", "people": 3, "operate": 4}, "--operate: got 4, expected 0 to the 3"),
+        ({"game": "sample", "operate": 4}, "--operate: got 4, expected it with a script"),
+        ({"game": "sample", "recline": 95.0}, "--recline: got 95, expected 0 to 90 degrees"),
         ({"game": "sample", "tool": "Tip"}, "--tool: got it without --user"),
         ({"user": "x", "stance": "standing"}, "--stance: got it together with --user"),
         ({"user": "x", "cell": 0.5}, "--cell: got 0.5, expected 0.01 to 0.2 m"),

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2vr_harness.audit.acting import Actor
 from sim2vr_harness.audit.population import NONE, draw
 from sim2vr_harness.audit.postures import BALANCE, Balancer
 from sim2vr_harness.audit.reaching import Crowd, Rows
+from sim2vr_harness.audit.report import act_out
 from sim2vr_harness.statistics.intervals import wilson_interval
 
 LOW, HIGH = np.array([-0.2, -0.8, 0.4]), np.array([0.9, 0.5, 1.8])
@@ -26,7 +26,7 @@ LOW, HIGH = np.array([-0.2, -0.8, 0.4]), np.array([0.9, 0.5, 1.8])
 ATTEMPTS = 3
 FIELDS = (
     "person,ahead,left,up,out_of_reach_m,leans,gap_m,left_nm,way_nm,predicted,"
-    "acted,acted_gap_m,attempts,seconds"
+    "acted,acted_gap_m,attempts"
 )
 
 
@@ -46,14 +46,20 @@ def play(given: argparse.Namespace, file: Path) -> None:
     for row in range(max(done, 0), count):
         if persons[row] != last:
             last = persons[row]
-            actor, balancer = Actor(crowd.subjects[last]), Balancer(crowd.subjects[last].body)
+            subject = crowd.subjects[last]
+            balancer = Balancer(subject.body)
         found = balancer.search(places[row], solved.angles[row], BALANCE.near_m)
-        acted = actor.act(places[row], np.array([each.angles for each in found[:ATTEMPTS]]))
+        there, gap_m, attempts = False, np.inf, 0
+        for posture in [*(each.angles for each in found[:ATTEMPTS]), None]:
+            attempts += 1
+            there, least_m = act_out(subject, places[row], posture=posture)
+            gap_m = min(gap_m, least_m)
+            if there:
+                break
         values = [last, *(f"{x:.3f}" for x in places[row])]
         values += [f"{solved.gap_m[row]:.4f}", int(solved.leans[row])]
         values += [f"{x:.4f}" for x in (found[0].gap_m, found[0].left_nm, found[0].way_nm)]
-        values += [int(found[0].holds(BALANCE.near_m)), int(acted.done), f"{acted.gap:.4f}"]
-        values += [acted.attempts, f"{acted.seconds or 0:.2f}"]
+        values += [int(found[0].holds(BALANCE.near_m)), int(there), f"{gap_m:.4f}", attempts]
         with file.open("a", encoding="utf-8") as lines:
             lines.write(",".join(map(str, values)) + "\n")
 

@@ -14,7 +14,6 @@ from typing import TypeVar, cast
 
 import numpy as np
 
-from sim2vr_harness.audit.acting import act_out
 from sim2vr_harness.audit.hull import Measured, chosen_point, measure, people_margins
 from sim2vr_harness.audit.judging import Judged, judge
 from sim2vr_harness.audit.pacing import path_loads
@@ -48,6 +47,8 @@ from sim2vr_harness.base.cores import available
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.evaluation.request import Request
 from sim2vr_harness.play.environment import evaluation_env
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.tools.users import environment_of
@@ -83,16 +84,29 @@ def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Aud
     targets = [
         each if each.from_head else replace(each, place_m=each.place_m - down_m) for each in targets
     ]
-    return run(
+    audit = run(
         request.title,
         targets,
         people=request.people or 500,
         seed=request.seed,
         stance=cast("Stance", request.stance),
+        recline_deg=request.recline,
         pace=request.pace,
-        operate=request.operate,
         say=say,
     )
+    if request.script is None:
+        return audit
+    say(f"{request.operate} persons carry out {request.script!r} ...")
+    asked = Request(
+        conditions=request.condition,
+        episodes=1,
+        people=request.operate,
+        seed=request.seed,
+        overrides=request.overrides,
+        trust_app=request.trust_app,
+        app=request.app or {"game": request.game, "transport": "in_process"},
+    )
+    return replace(audit, script=request.script, rounds=evaluate(request.script, asked).rounds)
 
 
 def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:
@@ -191,9 +205,10 @@ def _of_game(request: AuditRequest, condition: str | None, say: Say) -> list[Tar
     return [replace(each, name=f"{condition or ''} {each.name}".strip()) for each in found]
 
 
-def limitations_of(stance: str) -> tuple[Limitation, ...]:
-    """Return the limitations that differ from an audit with a stance."""
-    return tuple(each for each in LIMITATIONS if each.stance != stance or each.lift_m)
+def limitations_of(stance: str, recline_deg: float) -> tuple[Limitation, ...]:
+    """Return the limitations that differ from an audit with a posture."""
+    own = stance, recline_deg
+    return tuple(e for e in LIMITATIONS if (e.stance, e.recline_deg) != own or e.lift_m)
 
 
 def limited_persons(people: int) -> int:
@@ -208,8 +223,8 @@ def run(
     people: int = 500,
     seed: int = 1,
     stance: Stance = "seated",
+    recline_deg: float = 0.0,
     pace: float = 20.0,
-    operate: int = 0,
     processes: int = 0,
     say: Say = lambda text: None,
 ) -> Audit:
@@ -221,19 +236,19 @@ def run(
         people: Persons of the population.
         seed: Of the population.
         stance: Of everyone.
+        recline_deg: By how much everyone's trunk leans back.
         pace: Uses of a target in a minute.
-        operate: Number of persons with simulated reaches.
         processes: At most; 0: one per core. The number does not change any result.
         say: Receives the present activity.
     """
     say(f"{people} persons, {len(targets)} targets ...")
-    subjects = draw(people, seed)
+    subjects = draw(people, seed, recline_deg)
     everyone = Crowd(subjects, stance, NONE)
     # The same parts for any number of processes, so that this number changes no result: everyone on
     # some targets each, and some of them with each limitation on all targets.
     parts = Parts(processes)
     few = subjects[: limited_persons(len(subjects))]
-    every, limitations = np.arange(len(targets)), limitations_of(stance)
+    every, limitations = np.arange(len(targets)), limitations_of(stance, recline_deg)
     jobs = [(everyone, each, NONE) for each in np.array_split(every, _PARTS) if len(each)]
     count = len(jobs)
     jobs += [(Crowd(few, stance, limitation), every, limitation) for limitation in limitations]
@@ -252,10 +267,6 @@ def run(
     fixes = parts.run(lambda i: remedy(everyone, targets[i], judged, i), missed)
     found = dict(zip(missed, fixes, strict=True))
     remedies = [found.get(i) for i in range(len(targets))]
-    acting = min(operate, people)
-    if acting:
-        say(f"{acting} persons act it out ...")
-    acted = parts.run(lambda person: act_out(everyone, person, targets, judged), range(acting))
     middle = sorted(range(people), key=lambda i: subjects[i].person.stature_m)[people // 2]
     # Its paths from each target that it reaches to the next one.
     postures = judged.postures[middle]
@@ -265,19 +276,16 @@ def run(
     return Audit(
         title=title,
         seed=seed,
-        stance=stance,
+        stance=stance if recline_deg == 0.0 else "reclined",
         pace=pace,
         targets=targets,
-        subjects=subjects,
-        lifts_m=everyone.lift_m,
+        crowd=everyone,
         judged=judged,
         groups=groups_of(subjects),
         limited=limited,
         remedies=remedies,
         middle=middle,
-        landmarks_m=everyone.landmarks(middle),
         paths=[AuditPath(targets[a].name, targets[b].name, *load) for a, b, load in pairs],
-        acted=acted,
     )
 
 

@@ -20,9 +20,10 @@ from sim2vr_harness.users.kinematics.inverse import CLOSE_M
 
 HALF_FIELD_DEG = 45.0
 """Half the field of view of the headset, to every side (as our apps draw it)."""
-EASY_RAISED_DEG = (-30.0, 15.0)
-"""Elevations of targets, seen from the eyes, between which the neck bears little (Penumudi et al.
-2020)."""
+EASY_RAISED_DEG = (-15.0, 0.0)
+"""Elevations of targets, seen from the eyes, that Penumudi et al. 2020 recommend."""
+_PRESS_S, _SWINGS_M = 0.1, 0.35
+"""Of a press, and from the hand to the elbow, about which a tremor turns the ray: assumed."""
 _EASY = 0.25
 """Share of activation below which no other posture is tried."""
 _HELD = 2
@@ -164,7 +165,7 @@ class Judged:
 
 def directions(crowd: Crowd, persons: Ints, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (B,) degrees to the right and (B,) degrees up of places, from the eyes at rest."""
-    ahead, left, up = np.moveaxis(places - crowd.heads[persons], -1, 0)
+    ahead, left, up = np.moveaxis(crowd.upright(places - crowd.heads[persons]), -1, 0)
     aside = np.degrees(np.arctan2(-left, ahead))
     return aside, np.degrees(np.arctan2(up, np.hypot(ahead, left)))
 
@@ -366,6 +367,7 @@ def _hold_best(
         if tried[0] < best[0]:
             best, chosen = tried, angles
     holds = can_hold(subject, postures, target, limitation)
+    holds = holds and steady(target, crowd.places(target, np.array([person]))[0], limitation)
     if not muscles:
         return best, chosen, holds, True
     balancer = Balancer(subject.body, limitation.strength, target.load_kg)
@@ -400,6 +402,22 @@ def can_hold(
         if load.torque <= maximum and endurance_time(needed / maximum) >= target.hold_s:
             return True
     return False
+
+
+def steady(target: Target, place: FloatArray, limitation: Limitation) -> bool:
+    """Return whether at least half of the presses stay on the target in spite of a tremor.
+
+    The hand swings along a line through the target's middle, a ray by the angle at the elbow. A
+    target of unknown size has none to miss. ``place``: (3,) up last, m.
+    """
+    swing = limitation.tremor_m
+    if target.how == "point":
+        swing *= float(np.hypot(*place[:2])) / _SWINGS_M
+    if swing <= target.radius_m or target.radius_m == 0.0:
+        return True
+    inside = 2.0 / np.pi * float(np.arcsin(target.radius_m / swing))
+    press_s = 0.0 if target.how == "touch" else _PRESS_S
+    return inside - 2.0 * limitation.tremor_hz * press_s >= 0.5
 
 
 def hold(

@@ -50,6 +50,8 @@ class Limitation:
         one_hand: Whether only the preferred hand can be used.
         lift_m: How much higher they sit.
         stance: Another one than the audit's.
+        recline_deg: Another angle by which the trunk leans back than the audit's; 90: lying.
+        tremor_m, tremor_hz: Amplitude from the middle, of the hand, and frequency.
         verified: Whether its numbers' source was read, or they define the group.
     """
 
@@ -60,6 +62,9 @@ class Limitation:
     one_hand: bool = False
     lift_m: float = 0.0
     stance: Stance | None = None
+    recline_deg: float | None = None
+    tremor_m: float = 0.0
+    tremor_hz: float = 0.0
     verified: bool = True
 
 
@@ -75,6 +80,7 @@ LIMITATIONS: tuple[Limitation, ...] = (
         "standing",
         "eye height 0.936 of the stature: Drillis and Contini 1966, second-hand (not verified)",
         stance="standing",
+        recline_deg=0.0,
         verified=False,
     ),
     Limitation(
@@ -82,9 +88,17 @@ LIMITATIONS: tuple[Limitation, ...] = (
         "seat 5 cm above a chair's: assumed (not verified)",
         lift_m=0.05,
         stance="seated",
+        recline_deg=0.0,
         verified=False,
     ),
-    Limitation("seated", "height of the arm model (docs/reference/bodies.md)", stance="seated"),
+    Limitation(
+        "seated",
+        "height of the arm model (docs/reference/bodies.md)",
+        stance="seated",
+        recline_deg=0.0,
+    ),
+    Limitation("lying on the back", stance="seated", recline_deg=90.0),
+    Limitation("tremor: 1 cm at 5 Hz", tremor_m=0.01, tremor_hz=5.0),
 )
 
 
@@ -98,6 +112,7 @@ class Subject:
         percentile: Of the stature among persons of the same sex.
         user: Right-handed, with a trunk that leans.
         strength: For published strength of shoulders, relative to the median of the sex.
+        recline_deg: By how much the trunk leans back about the hips.
     """
 
     person: Person
@@ -105,11 +120,16 @@ class Subject:
     percentile: float
     user: UserConfig
     strength: Strength
+    recline_deg: float = 0.0
 
     @cached_property
     def body(self) -> Body:
-        """The person's own body."""
-        return ResolvedEnv.of_user(self.user).body
+        """The person's own body, upright; gravity is as the reclined trunk has it."""
+        body, leans = ResolvedEnv.of_user(self.user).body, np.radians(self.recline_deg)
+        if leans:
+            down = body.physics_model.opt.gravity[2]
+            body.physics_model.opt.gravity[:] = down * np.sin(leans), 0.0, down * np.cos(leans)
+        return body
 
     @cached_property
     def holder(self) -> PostureHolder:
@@ -126,8 +146,8 @@ class Subject:
         return self.person.handedness == "left"
 
 
-def draw(people: int, seed: int) -> list[Subject]:
-    """Draw the first persons of a seed."""
+def draw(people: int, seed: int, recline_deg: float = 0.0) -> list[Subject]:
+    """Draw the first persons of a seed, who lean back by an angle."""
     settings = PeopleSettings(
         seed=seed,
         count=people,
@@ -144,7 +164,8 @@ def draw(people: int, seed: int) -> list[Subject]:
         sign = 1.0 if man else -1.0
         z = (person.stature_m - stature.mean - sign * stature.sex_offset) / stature.sd
         percentile = float(100.0 * ndtr(z))
-        subjects.append(Subject(person, man, percentile, user, population.shoulder(person)))
+        strength = population.shoulder(person)
+        subjects.append(Subject(person, man, percentile, user, strength, recline_deg))
     return subjects
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -17,7 +18,7 @@ from scipy.spatial import cKDTree
 from sim2vr_harness.audit.population import EYE_HEIGHT_STANDING, Limitation, Stance, Subject
 from sim2vr_harness.audit.targets import Target
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
-from sim2vr_harness.users import AVERAGE
+from sim2vr_harness.users import AVERAGE, Body
 from sim2vr_harness.users.exertion import arms_of
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
@@ -107,6 +108,13 @@ class Crowd:
     """
 
     def __init__(self, subjects: Sequence[Subject], stance: Stance, limitation: Limitation) -> None:
+        if limitation.recline_deg is not None:
+            subjects = [
+                each
+                if each.recline_deg == limitation.recline_deg
+                else replace(each, recline_deg=limitation.recline_deg)
+                for each in subjects
+            ]
         self.subjects = subjects
         self.one_hand = limitation.one_hand
         """True if only the preferred hand can be used."""
@@ -126,7 +134,13 @@ class Crowd:
         if (limitation.stance or stance) == "standing":
             self.lift_m = EYE_HEIGHT_STANDING * statures - self.heads[:, 2]
         self.lift_m = self.lift_m + limitation.lift_m
-        self.heads[:, 2] += self.lift_m
+        # (3, 3) axes of the bodies in the world: ahead, left and up, as columns; None: upright.
+        self._axes: FloatArray | None = None
+        if leans := np.radians(subjects[0].recline_deg):
+            c, s = np.cos(leans), np.sin(leans)
+            self._axes = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+        self._hips = np.array([_hips(each.body) for each in subjects])
+        self.heads = self.world(self.heads, np.arange(len(subjects)))
         self._samples: dict[tuple[bool, bool], tuple[FloatArray, cKDTree]] = {}
 
     def places(self, target: Target, persons: Ints) -> FloatArray:
@@ -136,8 +150,20 @@ class Crowd:
 
     def local(self, places: FloatArray, persons: Ints, mirrored: Bools) -> FloatArray:
         """(B, 3) places in the bodies' own frames, as the right hand is to get there; m."""
-        lift = self.lift_m[persons, None] * _UP
-        return (places - lift) * np.where(mirrored[:, None], MIRROR, 1.0)
+        places = places - self.lift_m[persons, None] * _UP
+        if self._axes is not None:
+            places = self.upright(places - self._hips[persons]) + self._hips[persons]
+        return places * np.where(mirrored[:, None], MIRROR, 1.0)
+
+    def world(self, places: FloatArray, persons: Ints) -> FloatArray:
+        """(B, 3) where places in the bodies' own frames are, MuJoCo's world, m."""
+        if self._axes is not None:
+            places = (places - self._hips[persons]) @ self._axes.T + self._hips[persons]
+        return places + self.lift_m[persons, None] * _UP
+
+    def upright(self, vectors: FloatArray) -> FloatArray:
+        """(B, 3) vectors of MuJoCo's world in the axes of the bodies."""
+        return vectors if self._axes is None else vectors @ self._axes
 
     def hand(self, person: int, angles: FloatArray) -> FloatArray:
         """(3,) where a posture (J,) brings a person's right hand, in the body's own frame, m."""
@@ -152,8 +178,8 @@ class Crowd:
         body = self.subjects[person].body
         shoulder = Linkage(body, Point(arms_of(body)[0].upper_arm))
         right = shoulder.place(np.zeros((1, len(shoulder.joints))))[0]
-        right[2] += self.lift_m[person]
-        return position_to_app([self.heads[person], right, right * MIRROR])
+        both = self.world(np.stack([right, right * MIRROR]), np.array([person, person]))
+        return position_to_app([self.heads[person], *both])
 
     def solve(self, rows: Rows) -> Solved:
         """Bring hands, or rays, to places."""
@@ -193,7 +219,7 @@ class Crowd:
                 found.offer(left, q, gap, cost, leans=trunk)
         nearest = stack.take(rows.persons).place(found.q[:, 0])
         nearest = nearest * np.where(rows.mirrored[:, None], MIRROR, 1.0)
-        nearest = nearest + self.lift_m[rows.persons, None] * _UP
+        nearest = self.world(nearest, rows.persons)
         angles = np.stack([self._whole(stack, found.q[:, i]) for i in range(_KEPT)], axis=1)
         return Solved(angles, found.gap == 0.0, found.gap[:, 0], nearest, found.leans)
 
@@ -266,6 +292,14 @@ class _Best:
         self.gap[rows] = np.take_along_axis(gaps, order, axis=1)
         self.cost[rows] = np.take_along_axis(costs, order, axis=1)
         self.q[rows] = np.take_along_axis(postures, order[..., None], axis=1)
+
+
+def _hips(body: Body) -> FloatArray:
+    """Return where the trunk bends forward, (3,) of the upright body, m."""
+    data = mujoco.MjData(body.physics_model)
+    mujoco.mj_kinematics(body.physics_model, data)
+    hips: FloatArray = data.joint(f"{_TRUNK}flexion").xanchor.copy()
+    return hips
 
 
 def _samples(hand: Linkage, trunk: bool, straight: bool) -> tuple[FloatArray, cKDTree]:

@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,22 +11,22 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from sim2vr_harness.audit.acting import Actor
 from sim2vr_harness.audit.hull import ball_scene
 from sim2vr_harness.audit.judging import GRIP
 from sim2vr_harness.audit.pacing import MODELS
-from sim2vr_harness.audit.population import FEWEST, MODEL
-from sim2vr_harness.audit.reaching import MIRROR
+from sim2vr_harness.audit.population import FEWEST, MODEL, Subject
+from sim2vr_harness.audit.postures import BALANCE
 from sim2vr_harness.audit.remedies import GOAL
 from sim2vr_harness.audit.summary import CLAUSES, EVERYONE, Audit, plain
 from sim2vr_harness.base.files import naming, write_atomically
-from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
+from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.figures.figure import GREY, INK, Figure, Panel
 from sim2vr_harness.figures.figure import Path as Places
 from sim2vr_harness.figures.html import Part, drawn, image, listed, save_page, table
 from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.play.film import Film
-from sim2vr_harness.users import load_body
+from sim2vr_harness.users import UserBatch, load_body
+from sim2vr_harness.users.kinematics.posture_controller import PostureController
 from sim2vr_harness.users.rendering import OrbitView, RenderingError, UserRenderer
 
 FloatArray = NDArray[np.float64]
@@ -52,6 +52,11 @@ _CLASSES = (
     (0.5, "50 to 80 %", "#d55e00"),
     (0.0, "fewer than 50 %", "#b3201f"),
 )
+_SETTLED, _SECONDS = 3, 6.0
+"""User steps in a row that a hand that is filmed has to be near, and time at most."""
+_IDLE_S, _NEARER = 1.5, 0.01
+"""Time and proportion: a reach ends when the distance has decreased by less within this time."""
+_DEVICE = "controller_right"
 _SIZE = (640, 480)
 _RED, _GREY = (0.7, 0.12, 0.1, 1.0), (0.5, 0.55, 0.6, 1.0)
 _BALL_M = 0.04
@@ -65,7 +70,7 @@ _BEHIND = (38.0, -14.0)
 """Azimuth and elevation of the picture's view: over the right shoulder, degrees."""
 VIEWS = ((-130.0, 18.0), (-60.0, 30.0))
 """Azimuth and elevation of the cameras of web pages and of printed figures, degrees."""
-_LETTER, _LINE = 0.02, 0.05
+_LETTER = (0.02, 0.05)
 """Width of a letter and height of a line, shares of the scene's extent."""
 
 
@@ -274,8 +279,18 @@ def _sections(
         for each in values["targets"]
     ]
     sections.append(("Neck and eyes", [table(_NECK_HEADER, necks), _NECK]))
-    if any(each["operated"] for each in values["targets"]):
-        sections.append(("Acted out", [_operated_table(values), _OPERATED]))
+    if values["script"]:
+        header = ("persons", "did it", "s per step", "proportion beside", "steps not done", "why")
+        done = [
+            (
+                str(each["n"]),
+                str(each["done"]),
+                *("-" if each[key] is None else f"{each[key]:.2f}" for key in _CARRIED),
+                ", ".join(f"{why} ({n})" for why, n in each["excluded"].items()) or "-",
+            )
+            for each in values["carried_out"]
+        ]
+        sections.append((f"Carried out: {values['script']}", [table(header, done), _SCRIPT]))
     if values["paths"]:
         paths = [
             (f"{path['start']} to {path['end']}", f"{path['mean']:.2f}", f"{path['peak']:.2f}")
@@ -287,7 +302,8 @@ def _sections(
         (EVERYONE, "stature, segments, strength, handedness: docs/concepts/people.md", "yes"),
         ("field of view, neck", "90 degrees; Apti, Colak and Akcay 2023", "yes"),
         ("grip", GRIP.source, "no"),
-        ("neck and eyes", "Penumudi et al. 2020; Fice et al. 2014", "no"),
+        ("height of targets", "Penumudi et al. 2020, abstract", "yes"),
+        ("neck strength", "Fice et al. 2014", "no"),
     ]
     sources += [
         (group["name"], group["source"], "yes" if group["verified"] else "no")
@@ -302,13 +318,13 @@ _NECK_HEADER = (
     "degrees to the right",
     "degrees up",
     "of neck strength",
-    "between 30 degrees below and 15 above",
+    "0 to 15 degrees below the eyes",
 )
 _NECK = (
     "Medians, seen from the eyes at rest. The neck turns to the target within its limits; beyond "
-    "them the eyes do. People load their neck more when targets are more than 15 degrees above or "
-    "30 degrees below the eyes (Penumudi et al. 2020). Of neck strength: the torque of the weight "
-    "of head and headset in flexion (strength: Fice et al. 2014)."
+    "them the eyes do. Targets 15 degrees above or 30 degrees below the eyes loaded people's necks "
+    "most; recommended are 0 to 15 degrees below (Penumudi et al. 2020, 20 people). Of neck "
+    "strength: the torque of the weight of head and headset in flexion (Fice et al. 2014)."
 )
 _NO_SHIFT = "No shift of up to 1.5 m"
 _ANSWER: tuple[str, ...] = (
@@ -318,9 +334,10 @@ _ANSWER: tuple[str, ...] = (
     "why not",
     "smallest change that includes 95 %",
 )
-_OPERATED = (
-    "Muscles and trunk bring the hand, or its ray, to the target and keep it there for "
-    "0.15 s. An attempt takes up to 6 s. Predicted: those whose muscles suffice."
+_CARRIED = ("step_time", "step_misses", "steps_failed")
+_SCRIPT = (
+    "Persons of the population carry out the script in the app by their muscles, with their own "
+    "delays and noise. Values are means of those who did a step; a row is a condition."
 )
 _PATHS = (
     "Torque at the shoulder of the person of median stature who moves from one target to the next "
@@ -404,29 +421,12 @@ def _spread(target: Mapping[str, Any], key: str) -> str:
     return middle if low == middle == high else f"{middle} ({low} to {high})"
 
 
-def _operated_table(values: Mapping[str, Any]) -> Markup:
-    rows = [
-        [
-            target["name"],
-            f"{each['done']} of {each['n']}",
-            f"{each['predicted']} of {each['n']}",
-            f"{each['agree']} of {each['n']}",
-            "-" if each["seconds"] is None else f"{each['seconds']:.2f}",
-            "-" if each["attempts"] is None else f"{each['attempts']:.2f}",
-        ]
-        for target in values["targets"]
-        if (each := target["operated"]) is not None
-    ]
-    return table(
-        ["target", "got there", "predicted", "as predicted", "s (median)", "attempts (mean)"], rows
-    )
-
-
 def _space(audit: Audit) -> Panel:
     """Return the targets, the eyes and the shoulders of the person of median stature."""
     usable = audit.judged.usable.mean(axis=0)
     places = audit.judged.places_m[audit.middle]
-    eyes, right, left = audit.landmarks_m
+    landmarks = audit.crowd.landmarks(audit.middle)
+    eyes, right, left = landmarks
     neck = (right + left) / 2.0
     figure = np.array([eyes, neck, right, left, neck, neck * [1.0, 0.0, 1.0]])
 
@@ -436,10 +436,12 @@ def _space(audit: Audit) -> Panel:
 
     layers = [
         layer("a person, down to the floor", figure, INK, places=False),
-        layer("eyes and shoulders", audit.landmarks_m, GREY),
+        layer("eyes and shoulders", landmarks, GREY),
     ]
     names = np.array([each.name for each in audit.targets])
-    labels = np.array(labels_of(places, names.tolist(), figure))
+    extent = max(float(np.ptp(np.concatenate([places, figure]), axis=0).max()), 1e-9)
+    views = [screen(places, *view) / extent for view in VIEWS]
+    labels = np.array(labels_of(names.tolist(), views, _LETTER))
     for number, (least, name, colour) in enumerate(_CLASSES):
         most = np.inf if number == 0 else _CLASSES[number - 1][0]
         chosen = (usable >= least) & (usable < most)
@@ -464,6 +466,41 @@ def worst_case(audit: Audit) -> tuple[int, int] | None:
     return int(gaps.argmax()), target
 
 
+def act_out(
+    subject: Subject,
+    place: FloatArray,
+    watch: Callable[[FloatArray, FloatArray], None] = lambda qpos, activations: None,
+    posture: FloatArray | None = None,
+) -> tuple[bool, float]:
+    """Bring the right hand from rest to a place; return if it stays there, and its least gap, m.
+
+    Args:
+        subject: The person.
+        place: (3,) in the body's own frame, m.
+        watch: Receives posture (nq,) and activations (M,) after each user step.
+        posture: (J,) of the independent joints, to try; None: one is searched.
+    """
+    users = UserBatch(subject.body, 1, threads=1)
+    controller = PostureController(subject.body, _DEVICE)
+    users.reset([0], [np.random.default_rng(1)])
+    controller.begin()
+    if posture is None:
+        posture = controller.find(controller.angles(users.qpos[0]), place=place).angles
+    settled, nearer, idle = 0, 0, round(_IDLE_S / users.dt)
+    gaps: list[float] = []
+    for step in range(round(_SECONDS / users.dt)):
+        gaps.append(float(np.linalg.norm(place - users.device_poses(_DEVICE)[0][0])))
+        settled = settled + 1 if gaps[-1] <= BALANCE.near_m else 0
+        if step < idle or gaps[-1] < (1.0 - _NEARER) * gaps[step - idle]:
+            nearer = step
+        if settled == _SETTLED or step - nearer >= idle:
+            break
+        action = controller.towards(users.qpos[0], users.qvel[0], users.act[0], posture)
+        users.step(action[None])
+        watch(users.qpos[0], users.act[0])
+    return settled == _SETTLED, min(gaps)
+
+
 def write_film(audit: Audit, file: Path) -> Path | None:
     """Write a film of the worst case's reach; None: there is no worst case.
 
@@ -476,11 +513,9 @@ def write_film(audit: Audit, file: Path) -> Path | None:
         return None
     person, column = found
     subject = audit.subjects[person]
-    side = MIRROR if subject.mirrored else np.ones(3)
-    places = position_to_mujoco(audit.judged.places_m[person]) * side
-    places = places - np.array([0.0, 0.0, audit.lifts_m[person]])
+    places = audit.in_body(person)
     # From the right and a little ahead: head, trunk and target are in the picture.
-    head = position_to_mujoco(audit.landmarks_m[0]) - [0.0, 0.0, audit.lifts_m[audit.middle]]
+    head = audit.in_body(person, audit.crowd.heads[[person]])[0]
     shown = np.stack([head, head - [0.0, 0.0, _TRUNK_M], places[column]])
     (low, high), colours = (shown.min(axis=0), shown.max(axis=0)), [_GREY] * len(places)
     x, y, z = ((low + high) / 2.0).tolist()
@@ -489,9 +524,7 @@ def write_film(audit: Audit, file: Path) -> Path | None:
     colours[column] = _RED
     scene = ball_scene(list(position_to_app(places)), colours, _BALL_M)
     frames: list[tuple[FloatArray, FloatArray]] = []
-    Actor(subject, watch=lambda qpos, act: frames.append((qpos, act))).act(
-        places[column], np.zeros((0, 0))
-    )
+    act_out(subject, places[column], lambda qpos, act: frames.append((qpos, act)))
     body = load_body(MODEL, person=subject.user.person, torso=True, appearance=True)
     film = Film(file, *_SIZE, fps=20.0)
     try:
@@ -514,10 +547,8 @@ def write_picture(audit: Audit, file: Path) -> None:
         RenderingError: No renderer is available.
     """
     person = audit.subjects[audit.middle]
-    lift_m = np.array([0.0, 0.0, audit.lifts_m[audit.middle]])
-    side = MIRROR if person.mirrored else np.ones(3)
     # The drawn person is right-handed, so targets of a left-handed one are mirrored, too.
-    places = position_to_mujoco(audit.judged.places_m[audit.middle]) * side - lift_m
+    places = audit.in_body(audit.middle)
     usable = audit.judged.usable.mean(axis=0)
     classes = [
         next(k for k, (least, *_) in enumerate(_CLASSES) if part >= least) for part in usable
@@ -529,7 +560,7 @@ def write_picture(audit: Audit, file: Path) -> None:
     if reached.any():
         easiest = int(np.where(reached, usable, -1.0).argmax())
         posture = audit.judged.postures[audit.middle, easiest]
-    head = position_to_mujoco(audit.landmarks_m[0]) - lift_m
+    head = audit.in_body(audit.middle, audit.crowd.heads[[audit.middle]])[0]
     shown = np.stack([head, head * [1.0, 1.0, 0.0], *places])
     low, high = shown.min(axis=0), shown.max(axis=0)
     extent_m = float(np.linalg.norm(high - low))
@@ -541,23 +572,16 @@ def write_picture(audit: Audit, file: Path) -> None:
         at = renderer.project(places, view)
     image = Image.fromarray(pixels)
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(22)
-    taken: list[tuple[float, float, float, float]] = []
-
-    for i in np.argsort(usable, kind="stable"):  # where there is no room, the worst have labels
-        text = audit.targets[i].name
-        if len(audit.subjects) >= FEWEST:
-            text += f": {100.0 * usable[i]:.0f} %"
-        for dx, dy, anchor in ((20, 0, "lm"), (-20, 0, "rm"), (0, -26, "mb"), (0, 26, "mt")):
-            place = (at[i, 0] + dx, at[i, 1] + dy)
-            box = draw.textbbox(place, text, font, anchor)
-            inside = box[0] >= 0 and box[2] <= _PICTURE[0] and box[3] <= _PICTURE[1] - _LEGEND
-            if inside and all(
-                box[2] < b[0] or b[2] < box[0] or box[3] < b[1] or b[3] < box[1] for b in taken
-            ):
-                taken.append(box)
-                draw.rectangle((box[0] - 4, box[1] - 3, box[2] + 4, box[3] + 3), _PAPER)
-                draw.text(place, text, INK, font, anchor)
-                break
+    order = np.argsort(usable, kind="stable")  # where labels share a place, the worst is named
+    names = [audit.targets[i].name for i in order]
+    if len(audit.subjects) >= FEWEST:
+        names = [f"{n}: {100.0 * usable[i]:.0f} %" for n, i in zip(names, order, strict=True)]
+    for text, (x, y) in zip(labels_of(names, [at[order]], (11.0, 30.0)), at[order], strict=True):
+        aside = 20 if x < _PICTURE[0] / 2 else -20
+        box = draw.textbbox((x + aside, y), text, font, "lm" if aside > 0 else "rm")
+        if text:
+            draw.rectangle((box[0] - 4, box[1] - 3, box[2] + 4, box[3] + 3), _PAPER)
+            draw.text((x + aside, y), text, INK, font, "lm" if aside > 0 else "rm")
     draw.rectangle((0, _PICTURE[1] - _LEGEND, *_PICTURE), _PAPER)
     for k, number in enumerate(sorted(set(classes))):
         x, y = 24 + k * _PICTURE[0] / 4, _PICTURE[1] - _LEGEND / 2
@@ -577,29 +601,26 @@ def screen(places: FloatArray, azimuth_deg: float, elevation_deg: float) -> Floa
 
 
 def labels_of(
-    places: FloatArray, names: Sequence[str], beside: FloatArray | None = None
+    names: Sequence[str], views: Sequence[FloatArray], letter: tuple[float, float]
 ) -> list[str]:
-    """Return a label for each place, empty if another place's label includes it.
+    """Return a label for each name, empty if another one's label includes it.
 
-    Places whose labels would overlap share one: "key 1 and 8 more".
+    Names whose labels would overlap share one: "key 1 and 8 more".
 
     Args:
-        places: (N, 3) right, up, ahead, m.
-        names: Of the places.
-        beside: (M, 3) what else is in the picture.
+        names: N of them.
+        views: (N, 2) where labels are in each view: to the right, and up or down.
+        letter: Width of a letter and height of a line.
     """
-    whole = places if beside is None else np.concatenate([places, beside])
-    extent = max(float(np.ptp(whole, axis=0).max(initial=0.0)), 1e-9) if len(whole) else 1.0
-    seen = [screen(places, *view) / extent for view in VIEWS]
     groups = [[i] for i in range(len(names))]
 
     def text(group: Sequence[int]) -> str:
         return names[group[0]] + (f" and {len(group) - 1} more" if len(group) > 1 else "")
 
     def overlap(first: Sequence[int], second: Sequence[int]) -> bool:
-        width = _LETTER * (len(text(first)) + len(text(second))) / 2.0
-        gaps = (np.abs(view[first[0]] - view[second[0]]) for view in seen)
-        return any(gap[0] < width and gap[1] < _LINE for gap in gaps)
+        width = letter[0] * (len(text(first)) + len(text(second))) / 2.0
+        gaps = (np.abs(view[first[0]] - view[second[0]]) for view in views)
+        return any(gap[0] < width and gap[1] < letter[1] for gap in gaps)
 
     merged = True
     while merged:

@@ -7,6 +7,7 @@ from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.requests import ChangedEnvironment, Expected, TrustedApp, option
+from sim2vr_harness.policies.scripted import is_script
 
 _MOST_PEOPLE = 10_000
 
@@ -43,7 +44,7 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
     seconds: float = option("How long to look at each round of the game, or at the page.", 10.0)
     user: str | None = option(
         "Audit this user alone: a body or its YAML file, a configuration, or a trained user. Draws "
-        "the hull of what it reaches.",
+        "the hull of what it reaches. With --operate: a script, carried out by a population.",
         metavar="USER",
         names="users",
     )
@@ -68,14 +69,24 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
         shown="500; with --user it alone",
     )
     stance: str = option("Of the persons: seated or standing.", "seated", metavar="STANCE")
+    recline: float = option(
+        "By how much the trunk leans back about the hips, degrees; 90: the persons lie.", 0.0
+    )
     height_offset: float = option(
         "By how much the app raises its users above where they are, m; lower: negative.", 0.0
     )
     pace: float = option("Uses of a target in a minute.", 20.0, metavar="N")
-    operate: int = option("How many persons act it out.", 0, metavar="N")
+    operate: int = option(
+        "With a script as --user: how many persons carry it out in the app.", 0, metavar="N"
+    )
     seed: int = option("Other persons for another seed.", 1)
     out: Path = option("Folder for the files.", Path("audit"), place="folder to write")
     app: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def script(self) -> str | None:
+        """What virtual participants do in the app; None: there is no script."""
+        return self.user if self.user and self.operate and is_script(self.user) else None
 
     def check(self) -> None:
         """Refuse options that are out of range or do not go together.
@@ -90,12 +101,15 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
         ):
             if got not in known:
                 raise InputError(flag, repr(got), " or ".join(known))
+        if self.recline and self.stance == "standing":
+            raise InputError("--recline", "it with --stance standing", "it with --stance seated")
         people = 500 if self.people is None else self.people
         for flag, number, low, high, expected in (
             ("--people", people, 1, _MOST_PEOPLE, f"1 to {_MOST_PEOPLE:,}"),
             ("--seed", self.seed, 0, 2**31 - 1, f"0 to {2**31 - 1}"),
             ("--pace", self.pace, 0.1, 120.0, "0.1 to 120 uses in a minute"),
             ("--operate", self.operate, 0, people, f"0 to the {people} persons of --people"),
+            ("--recline", self.recline, 0.0, 90.0, "0 to 90 degrees"),
             ("--height-offset", self.height_offset, -2.0, 2.0, "-2 to 2 m"),
             ("--cell", self.cell, 0.01, 0.2, "0.01 to 0.2 m"),
             ("--seconds", self.seconds, 1e-9, 600.0, "more than 0, at most 600"),
@@ -106,7 +120,12 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
     def _check_together(self) -> None:
         page, alone = self.app.get("page"), AuditRequest()
         listed = bool(self.targets) or self.session is not None
-        if self.user is None:
+        if self.script and self.game is None and not self.app:
+            raise InputError("--user", "a script without an app", "it with --game or --page")
+        if self.operate and not self.script:
+            expected = "it with a script as --user, such as --user 'press lit by ray'"
+            raise InputError("--operate", str(self.operate), expected)
+        if self.user is None or self.script:
             for flag in ("point", "tool", "cell", "pose", "load"):
                 if getattr(self, flag) != getattr(alone, flag):
                     raise InputError(f"--{flag}", "it without --user", "it with --user")
@@ -120,7 +139,9 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
             if self.overrides and self.game is None and not self.app:
                 raise InputError("--set", "it without an app", "it with --game or --page")
         for flag in (
-            ("stance", "height_offset", "pace", "operate", "how", "expect") if self.user else ()
+            ("stance", "recline", "height_offset", "pace", "how", "expect")
+            if self.user and not self.script
+            else ()
         ):
             if getattr(self, flag) != getattr(alone, flag):
                 expected = "it without --user: it is about a population"

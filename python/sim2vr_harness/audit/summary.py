@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.audit.acting import Acted
-from sim2vr_harness.audit.judging import EASY_RAISED_DEG, Judged, can_grip
+from sim2vr_harness.audit.judging import EASY_RAISED_DEG, Judged, can_grip, steady
 from sim2vr_harness.audit.pacing import MODELS
-from sim2vr_harness.audit.population import FEWEST, Group, Limitation, Stance, Subject
-from sim2vr_harness.audit.reaching import Bools, FloatArray, Ints
+from sim2vr_harness.audit.population import FEWEST, Group, Limitation, Subject
+from sim2vr_harness.audit.reaching import Crowd, FloatArray, Ints
 from sim2vr_harness.audit.remedies import Remedy
 from sim2vr_harness.audit.targets import Target
+from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.evaluation.expectations import Estimate
+from sim2vr_harness.play.round import Round
 from sim2vr_harness.statistics.intervals import wilson_interval
 
 
@@ -35,6 +36,8 @@ def cause(judged: Judged, target: Target, person: int, column: int) -> str | Non
             return "too high" if needed[1] < 0.0 else "too low"
         return "behind" if place[2] < 0.0 else "too far" if needed[2] < 0.0 else "too near"
     if not judged.held[person, column]:
+        if not steady(target, position_to_mujoco(place), judged.limitation):
+            return "too small for a tremor"
         weak = judged.published_share[person, column] > 1.0
         if not weak and not can_grip(judged.grip_share[person, column], target.hold_s):
             return "grip too weak" if target.grip_n > 0.0 else "too heavy to grip"
@@ -44,11 +47,12 @@ def cause(judged: Judged, target: Target, person: int, column: int) -> str | Non
     return None
 
 
-_REACH, _STRENGTH = "EN 301 549, 4.2.8 limited reach", "EN 301 549, 4.2.7 limited strength"
-_MOTION = "XAUR, motion agnostic interactions"
+_REACH = "EN 301 549, 4.2.8 usage with limited reach"
+_STRENGTH = "EN 301 549, 4.2.7 usage with limited manipulation or strength"
+_MOTION = "XAUR 4.2, motion agnostic interactions"
 CLAUSES = {
-    "needs two hands": "EN 301 549, 5.9 simultaneous actions",
-    "the ray cannot be aimed there": "EN 301 549, 4.2.7 limited manipulation",
+    "needs two hands": "EN 301 549, 5.9 simultaneous user actions",
+    **dict.fromkeys(("the ray cannot be aimed there", "too small for a tremor"), _STRENGTH),
     **dict.fromkeys(("too high", "too low", "too far", "too near", "too far to the side"), _REACH),
     **dict.fromkeys(("grip too weak", "too heavy to grip", "too heavy"), _STRENGTH),
     **dict.fromkeys(("too weak to hold the arm", "held too long"), _STRENGTH),
@@ -95,33 +99,43 @@ class Audit:
         seed, stance: Of the population.
         pace: Uses of a target in a minute.
         targets: T of them.
-        subjects: The persons.
-        lifts_m: (N,) height of the persons above the height of the arm model.
+        crowd: The persons.
         judged: Of everyone.
         groups: Of everyone.
         limited: The same persons with limitations, by group.
         remedies: (T,) changes that would include 95 %; None if 95 % are included.
         middle: Number of the person of median stature.
-        landmarks_m: (3, 3) its eyes and shoulders: right, up, ahead.
         paths: Its movements from target to target.
-        acted: Outcome of each target for each person with simulated reaches; None: not simulated.
+        script: What some persons did in the app; empty: nothing.
+        rounds: Of each of them, and of each condition.
     """
 
     title: str
     seed: int
-    stance: Stance
+    stance: str
     pace: float
     targets: Sequence[Target]
-    subjects: Sequence[Subject]
-    lifts_m: FloatArray
+    crowd: Crowd
     judged: Judged
     groups: Sequence[Group]
     limited: Sequence[Judged]
     remedies: Sequence[Remedy | None]
     middle: int
-    landmarks_m: FloatArray
     paths: Sequence[AuditPath]
-    acted: Sequence[Sequence[Acted | None]] = ()
+    script: str = ""
+    rounds: Sequence[Round] = ()
+
+    @property
+    def subjects(self) -> Sequence[Subject]:
+        """The persons."""
+        return self.crowd.subjects
+
+    def in_body(self, person: int, places: FloatArray | None = None) -> FloatArray:
+        """(T, 3) targets, or other places of MuJoCo's world, in the right-handed upright body."""
+        if places is None:
+            places = position_to_mujoco(self.judged.places_m[person])
+        who = np.full(len(places), person)
+        return self.crowd.local(places, who, np.full(len(places), self.subjects[person].mirrored))
 
     def columns(self) -> list[tuple[str, Limitation | None, Judged, Ints]]:
         """Return name, limitation, verdicts and members of all groups, everyone first."""
@@ -161,6 +175,7 @@ def estimates(audit: Audit) -> dict[str, dict[str, Estimate]]:
 
 def plain(audit: Audit) -> dict[str, Any]:
     """Return the audit for JSON."""
+    conditions = dict.fromkeys(each.condition for each in audit.rounds)
     return {
         "title": audit.title,
         "seed": audit.seed,
@@ -180,6 +195,26 @@ def plain(audit: Audit) -> dict[str, Any]:
             for path in audit.paths
         ],
         "groups": [_group(audit, *row) for row in audit.columns()],
+        "script": audit.script,
+        "carried_out": [_carried_out(audit.rounds, each) for each in conditions],
+    }
+
+
+def _carried_out(rounds: Sequence[Round], condition: str) -> dict[str, Any]:
+    """Return how many persons did a script in a condition, their means, and why others did not."""
+    own = [each for each in rounds if each.condition == condition]
+    done = [each for each in own if (each.values["steps_done"] or 0.0) > 0.0]
+    names = ("step_time", "step_misses", "steps_failed")
+    means = {name: [each.values[name] for each in done] for name in names}
+    return {
+        "condition": condition,
+        "n": len(own),
+        "done": len(done),
+        **{
+            name: round(float(np.mean(np.array(values, dtype=float))), 4) if values else None
+            for name, values in means.items()
+        },
+        "excluded": dict(Counter(each.excluded for each in own if each.excluded)),
     }
 
 
@@ -211,27 +246,6 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
         "clauses": [CLAUSES[each] for each in causes(judged, target, column, every)],
         "gaze": _gaze(judged.gaze[:, :, column]),
         "exertion": _exertion(judged, column),
-        "operated": _operated([each[column] for each in audit.acted], able[:, column]),
-    }
-
-
-def _operated(acted: Sequence[Acted | None], able: Bools) -> dict[str, Any] | None:
-    """Return the number of successful simulated reaches, their time (median) and attempts (mean).
-
-    ``able``: (N,) True if the muscles' equilibrium predicts success.
-    """
-    tried = [(each, bool(yes)) for each, yes in zip(acted, able, strict=False) if each is not None]
-    if not tried:
-        return None
-    done = [each for each, _ in tried if each.seconds is not None]
-    seconds = [each.seconds for each in done if each.seconds is not None]
-    return {
-        "n": len(tried),
-        "done": len(done),
-        "predicted": sum(yes for _, yes in tried),
-        "agree": sum(yes == each.done for each, yes in tried),
-        "seconds": round(float(np.median(seconds)), 2) if done else None,
-        "attempts": round(float(np.mean([each.attempts for each in done])), 2) if done else None,
     }
 
 

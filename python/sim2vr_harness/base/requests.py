@@ -56,6 +56,19 @@ class ChangedEnvironment:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OnePerson:
+    """``--person``."""
+
+    person: int | None = option(
+        "Let a virtual participant play: this number, from 0, of the population of --seed.",
+        metavar="N",
+        shown="as the user was trained; a script by an ideal hand",
+        least=0,
+        most=9999,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class ActionMode:
     """``--deterministic`` and ``--stochastic``."""
 

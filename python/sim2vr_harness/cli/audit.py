@@ -50,7 +50,7 @@ def audit(options: AuditOptions) -> int:
         for text in options.expect
     )
     checked = CheckedRun(replace(options, expect=with_group), "audit")
-    if request.user is not None:
+    if request.user is not None and request.script is None:
         _of_user(request, options.out)
         return 0
     if checked.asked:
@@ -99,5 +99,5 @@ def _planned(request: AuditRequest) -> Planned:
     from sim2vr_harness.audit.summary import EVERYONE, MEASURES
     from sim2vr_harness.evaluation.expectations import Planned
 
-    limited = (each.name for each in limitations_of(request.stance))
+    limited = (each.name for each in limitations_of(request.stance, request.recline))
     return Planned((EVERYONE, *GROUPS, *limited), MEASURES, ())

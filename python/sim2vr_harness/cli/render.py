@@ -5,7 +5,13 @@ from pathlib import Path
 
 import typer
 
-from sim2vr_harness.base.requests import ChangedEnvironment, TrustedApp, argument, option
+from sim2vr_harness.base.requests import (
+    ChangedEnvironment,
+    OnePerson,
+    TrustedApp,
+    argument,
+    option,
+)
 from sim2vr_harness.cli.app_options import PageOptions
 from sim2vr_harness.cli.options import (
     AnyUser,
@@ -16,7 +22,7 @@ from sim2vr_harness.cli.progress import Share
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilmRequest(ChangedEnvironment, TrustedApp):
+class FilmRequest(ChangedEnvironment, OnePerson, TrustedApp, PageOptions):
     """Which round to film."""
 
     runs: tuple[str, ...] = argument(
@@ -24,6 +30,7 @@ class FilmRequest(ChangedEnvironment, TrustedApp):
         "Runs, checkpoints, pretrained:NAME or scripts such as 'press lit', from left to right.",
         names="players",
     )
+    game: str | None = option("The game.", metavar="NAME", shown="the user's", names="games")
     condition: str | None = option(
         "The game's condition.", metavar="NAME", shown="that of each user's training"
     )
@@ -37,7 +44,7 @@ def film(request: FilmRequest) -> None:
 
     Examples:
         sim2vr-harness render film whacamole_constrained whacamole_people
-        sim2vr-harness render film runs/a runs/b --seconds 20 --out ab.mp4
+        sim2vr-harness render film "press lit by ray" --page menu --person 3 --seconds 20
     """
     from sim2vr_harness.play.render import film_comparison
 
@@ -45,7 +52,10 @@ def film(request: FilmRequest) -> None:
         written = film_comparison(
             request.runs,
             request.out,
+            game=request.game,
+            app=request.remote(),
             condition=request.condition,
+            person=request.person,
             seed=request.seed,
             seconds=request.seconds,
             overrides=request.overrides,
@@ -56,7 +66,7 @@ def film(request: FilmRequest) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SnapshotRequest(AnyUser, ChangedEnvironment, TrustedApp, PageOptions):
+class SnapshotRequest(AnyUser, ChangedEnvironment, OnePerson, TrustedApp, PageOptions):
     """What to picture."""
 
     game: str | None = option("The game.", metavar="NAME", shown="the user's", names="games")
@@ -88,6 +98,7 @@ def snapshot(request: SnapshotRequest) -> None:
         seconds=request.seconds,
         seed=request.seed,
         user=run or baseline or "still",
+        person=request.person,
         app=remote,
         overrides=request.overrides,
         trust_app=request.trust_app,

@@ -12,6 +12,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.requests import (
     ActionMode,
     ChangedEnvironment,
+    OnePerson,
     TrustedApp,
     argument,
     option,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WatchRequest(ActionMode, AnyUser, ChangedEnvironment, TrustedApp, PageOptions):
+class WatchRequest(ActionMode, AnyUser, ChangedEnvironment, OnePerson, TrustedApp, PageOptions):
     """What to watch, and where."""
 
     run: str | None = argument(
@@ -116,7 +117,8 @@ def _chosen(
         game=game,
         condition=condition,
         app=remote,
-        person=request.try_,
+        played=request.try_,
+        person=request.person,
         deterministic=request.deterministic,
         trust_app=request.trust_app,
         untrained=baseline,

@@ -55,6 +55,7 @@ def snapshot(
     seed: int = 1,
     game: str | None = None,
     app: Mapping[str, Any] | None = None,
+    person: int | None = None,
     overrides: Sequence[str] = (),
     trust_app: bool = False,
     simulation: Callable[..., Any] = make_simulation,
@@ -70,6 +71,7 @@ def snapshot(
         seconds: How long to play first.
         game: The game; None takes the user's.
         app: Settings that replace those of ``env.app``, for example a page.
+        person: Number of the virtual participant who plays; None: as the environment says.
         overrides: ``env.KEY=VALUE``, what else is different.
         trust_app: Whether the app that the user names may be started, though you never have.
 
@@ -83,6 +85,7 @@ def snapshot(
         raise InputError("--out", f"{str(out)!r}, which is a file", "a folder")
     who = SimulatedUser.find(user)
     env = who.env(app, overrides, game=game, trust_app=trust_app)
+    env = who.with_person(env, person, seed, overrides)
     who.require_contract(env)
     facts = env.facts
     title = round_title(facts, condition or facts.condition_of(env.config.app.options))
@@ -92,7 +95,7 @@ def snapshot(
         policy, _ = who.policy(users, facts)
         mean = who.config.evaluation.deterministic
         player = Player(users, policy, facts, deterministic=mean)
-        player.begin([Job("", 0, seed)])
+        player.begin([Job("", 0, seed, person=person)])
         steps, painter = round(seconds * config.action_frequency_hz), None
         for outcome in islice(player.steps(), steps):
             if "app_error" in outcome.infos[0]:
@@ -141,11 +144,15 @@ class _Seat:
         stack: ExitStack,
         simulation: Callable[..., Any],
         *,
+        game: str | None,
+        app: Mapping[str, Any] | None,
+        person: int | None,
         overrides: Sequence[str],
         trust_app: bool,
     ) -> None:
         user = SimulatedUser.find(run)
-        env = user.env(None, overrides, trust_app=trust_app)
+        env = user.env(app, overrides, game=game, trust_app=trust_app)
+        env = user.with_person(env, person, seed, overrides)
         user.require_contract(env)
         self.facts = env.facts
         self.condition = condition or self.facts.condition_of(env.config.app.options)
@@ -160,7 +167,7 @@ class _Seat:
         policy, _ = user.policy(self._users, self.facts)
         mean = user.config.evaluation.deterministic
         self._player = Player(self._users, policy, self.facts, deterministic=mean)
-        self._player.begin([Job("", 0, seed)])
+        self._player.begin([Job("", 0, seed, person=person)])
         self.steps: Iterator[Any] = self._player.steps()
         self._body = stack.enter_context(closing(BodyPainter(self._users, _VIEW, _VIEW, fast=True)))
 
@@ -180,7 +187,10 @@ def film_comparison(
     runs: Sequence[str | Path],
     out: Path,
     *,
+    game: str | None = None,
+    app: Mapping[str, Any] | None = None,
     condition: str | None = None,
+    person: int | None = None,
     seed: int = 1,
     seconds: float = 60.0,
     overrides: Sequence[str] = (),
@@ -195,7 +205,10 @@ def film_comparison(
     Args:
         runs: Users, at most four, as of :meth:`SimulatedUser.find`; from left to right.
         out: The MP4 file.
+        game: The game; None takes each user's.
+        app: Settings that replace those of ``env.app``, for example a page.
         condition: The game's condition; None leaves each user its training's.
+        person: Number of the virtual participant who plays; None: as each environment says.
         seed: Of bodies, policies and games.
         seconds: To film at most.
         overrides: ``env.KEY=VALUE``, what is different from the users' own environments.
@@ -216,7 +229,18 @@ def film_comparison(
         raise InputError("--seed", str(seed), "0 to 2147483647")
     with ExitStack() as stack:
         seats = [
-            _Seat(run, condition, seed, stack, simulation, overrides=overrides, trust_app=trust_app)
+            _Seat(
+                run,
+                condition,
+                seed,
+                stack,
+                simulation,
+                game=game,
+                app=app,
+                person=person,
+                overrides=overrides,
+                trust_app=trust_app,
+            )
             for run in runs
         ]
         rates = {seat.frequency_hz for seat in seats}

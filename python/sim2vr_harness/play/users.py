@@ -59,6 +59,14 @@ PERSON_MEASURES = (
         description="Steps done with hand or ray beside the object by more than half its width",
     ),
 )
+COMFORT_MEASURES = tuple(
+    Measure(name, label, unit="degrees", better="none", digits=0, description=f"{what} of a step")
+    for name, label, what in (
+        ("head_flexion", "Head bent forward", "Below the horizon, at the end"),
+        ("head_rotation", "Head turned aside", "To either side, at the end"),
+        ("gaze_eccentricity", "Eyes turned", "Between head and object, at the end"),
+    )
+)
 """Of a script that persons carry out, as means over the steps that a person has done in a round."""
 
 BASELINE_S = 6.0
@@ -153,6 +161,12 @@ class SimulatedUser:
             user = user.model_copy(update={"people": user.people.model_copy(update={"seed": seed})})
         return env.changed(user=user)
 
+    def with_person(
+        self, env: ResolvedEnv, number: int | None, seed: int, overrides: Sequence[str] = ()
+    ) -> ResolvedEnv:
+        """Return its environment with the first persons of a seed, up to a number from 0."""
+        return env if number is None else self.with_people(env, number + 1, seed, overrides)
+
     def require_contract(self, env: ResolvedEnv) -> None:
         """Refuse an environment that it cannot play in; without training it plays in any.
 
@@ -166,7 +180,9 @@ class SimulatedUser:
         """Return what a game publishes, with the measures of a script if the user follows one."""
         if self.trained is not None or not is_script(self.name):
             return facts
-        return replace(facts, measures=(*facts.measures, *STEP_MEASURES, *PERSON_MEASURES))
+        return replace(
+            facts, measures=(*facts.measures, *STEP_MEASURES, *PERSON_MEASURES, *COMFORT_MEASURES)
+        )
 
     def policy(self, simulation: Any, facts: GameFacts) -> tuple[Policy, int]:
         """Return what acts for the users of a simulation, and the user steps of its training.
@@ -212,6 +228,9 @@ class _Script(ScriptedPolicy, Watcher):
         if people:
             counts["step_time"] = float(np.mean([step.time_s for step in done]))
             counts["step_misses"] = float(np.mean([step.missed for step in done]))
+            heads = [step.head_deg for step in done if step.head_deg is not None]
+            means = np.mean(heads, axis=0).tolist() if heads else [None] * len(COMFORT_MEASURES)
+            counts |= {one.name: x for one, x in zip(COMFORT_MEASURES, means, strict=True)}
         return replace(result.with_values(counts), script=tuple(steps))
 
 

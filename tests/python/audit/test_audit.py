@@ -10,9 +10,17 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from sim2vr_harness.audit.acting import Actor, act_out
 from sim2vr_harness.audit.auditing import Parts, run
-from sim2vr_harness.audit.judging import can_grip, gaze, grip_share, grip_time, hold, judge, seen
+from sim2vr_harness.audit.judging import (
+    can_grip,
+    gaze,
+    grip_share,
+    grip_time,
+    hold,
+    judge,
+    seen,
+    steady,
+)
 from sim2vr_harness.audit.pacing import PACING, Paced, minutes_at_pace, path_loads
 from sim2vr_harness.audit.pages import FoundThing, Way, things_as_targets
 from sim2vr_harness.audit.population import LIMITATIONS, NONE, Limitation, draw, groups_of
@@ -20,6 +28,7 @@ from sim2vr_harness.audit.postures import BALANCE, Balancer
 from sim2vr_harness.audit.reaching import Crowd, Rows
 from sim2vr_harness.audit.remedies import GOAL, remedy
 from sim2vr_harness.audit.report import (
+    act_out,
     answers,
     headline,
     unanswered,
@@ -42,7 +51,6 @@ from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.users.exertion import Strength
 from sim2vr_harness.users.kinematics.posture_controller import DeviceRay
 
-NO_POSTURES = np.zeros((0, 0))
 RAY = DeviceRay(np.array([0.0, 0.05, 0.0]), np.array([1.0, 0.0, 0.0]))
 """From 5 cm beside the grip, straight ahead of it: 60 degrees from WebXR's."""
 UPRIGHT = {f"trunk_{joint}": (0.0, 0.0) for joint in ("flexion", "bending", "rotation")}
@@ -139,6 +147,39 @@ def test_who_stands_or_sits_higher_reaches_the_same_places_from_higher_up(crowd:
     seated, higher = solved(crowd, place), solved(standing, place + lift)
     np.testing.assert_allclose(higher.angles[0, 0], seated.angles[0, 0], atol=1e-9)
     np.testing.assert_allclose(higher.nearest - seated.nearest, lift[None], atol=1e-9)
+
+
+def test_who_lies_reaches_up_as_others_reach_ahead_and_holds_it_by_less(crowd: Crowd) -> None:
+    """About the hips, by 90 degrees: ahead becomes up; above the shoulder, weight has no moment."""
+    lying, arm = Crowd(crowd.subjects[:1], "seated", of_name("lying on the back")), [0.45, 0.0, 0.0]
+    hips = posed(crowd).joint("trunk_flexion").xanchor
+    head, place = crowd.heads[0] - hips, straight_arm(crowd)[0] + arm - hips
+    np.testing.assert_allclose(lying.heads[0], hips + np.array([-head[2], head[1], head[0]]))
+    above = hips + np.array([-place[2], place[1], place[0]])
+    raised = solved(lying, above[None])
+    assert raised.reached.all()
+    np.testing.assert_allclose(raised.nearest[0], above, atol=2e-3)
+    joints = crowd.subjects[0].body.independent_joints
+    straight = np.radians([90.0 * (j in ("shoulder_elv", "elv_angle")) for j in joints])
+    loads = [each.subjects[0].holder.load(straight, 0.0).torque for each in (crowd, lying)]
+    assert loads[1] < 0.1 * loads[0]
+
+
+@pytest.mark.parametrize(
+    ("how", "radius_m", "kept"),
+    [
+        ("touch", 0.005, False),  # inside for 2 / pi arcsin(1/2) = 1/3 of the time
+        ("touch", 0.008, True),  # .59
+        ("press", 0.008, False),  # .59, less 2 x 5 Hz x .1 s
+        ("press", 0.010, True),
+        ("press", 0.0, True),  # of unknown size
+        ("point", 0.020, False),  # 1 cm at .35 m is 4 cm at 1.4 m
+        ("point", 0.041, True),
+    ],
+)
+def test_a_tremor_misses_targets_that_are_narrower(how: Any, radius_m: float, kept: bool) -> None:
+    shaking, one = of_name("tremor: 1 cm at 5 Hz"), target("key", 0, 1, 1.4, radius_m=radius_m)
+    assert steady(replace(one, how=how), np.array([1.4, 0.0, 1.0]), shaking) is kept
 
 
 def test_a_ray_of_the_app_s_own_hits_the_place(crowd: Crowd) -> None:
@@ -465,35 +506,12 @@ def test_higher_moles_tire_more(crowd: Crowd) -> None:
 
 
 def test_near_places_are_reached_by_muscles_and_far_ones_not(crowd: Crowd) -> None:
-    actor = Actor(crowd.subjects[0])
-    near = actor.act(np.array([0.4, -0.2, 1.0]), NO_POSTURES)
-    far = actor.act(np.array([2.0, -0.2, 1.0]), NO_POSTURES)
-    assert near.done
-    assert near.gap <= 0.02
-    assert 0.2 < (near.seconds or 0.0) < 3.0
-    assert (far.done, far.attempts) == (False, 1)
-    assert far.gap > 0.5
-
-
-def test_a_ray_is_brought_to_the_place_by_muscles(crowd: Crowd) -> None:
-    subject, place, last = crowd.subjects[0], np.array([2.0, 0.2, 1.2]), []
-    actor = Actor(subject, watch=lambda qpos, _: last.append(qpos))
-    assert actor.act(place, NO_POSTURES, ray=RAY).done
-    data = mujoco.MjData(subject.body.physics_model)
-    data.qpos[:] = last[-1]
-    mujoco.mj_kinematics(subject.body.physics_model, data)
-    site = data.site("controller_right")
-    turn = site.xmat.reshape(3, 3)
-    gap = place - site.xpos - turn @ RAY.origin_m
-    assert np.degrees(np.arccos(turn[:, 0] @ gap / np.linalg.norm(gap))) < 1.5
-
-
-def test_the_hand_that_was_judged_acts_it_out(crowd: Crowd) -> None:
-    one, left = Crowd(crowd.subjects[:1], "seated", NONE), target("left", -0.75, 1.0, 0.05)
-    judged = judge(one, [left], NONE, muscles=True)
-    assert judged.reached.all() and judged.feasible.all()
-    (acted,) = act_out(one, 0, [left], judged)
-    assert acted is not None and acted.done
+    steps: list[Any] = []
+    place = np.array([0.4, -0.2, 1.0])
+    assert act_out(crowd.subjects[0], place, lambda *moment: steps.append(moment))[0]
+    assert 0.2 < 0.05 * len(steps) < 3.0
+    there, gap_m = act_out(crowd.subjects[0], place + np.array([1.6, 0.0, 0.0]))
+    assert not there and gap_m > 0.5
 
 
 # --- targets -------------------------------------------------------------------------------------
@@ -557,7 +575,8 @@ def test_bad_files_name_the_field(tmp_path: Path, text: str, message: str) -> No
         ({"targets": ["0,1,0"], "objects": "a"}, "--condition or --objects: got it without"),
         ({"game": "sample", "how": "grab"}, "--how: got 'grab', expected touch or point"),
         ({"game": "sample", "stance": "lying"}, "--stance: got 'lying'"),
-        ({"game": "sample", "people": 3, "operate": 4}, "--operate: got 4, expected 0 to the 3"),
+        ({"game": "sample", "operate": 4}, "--operate: got 4, expected it with a script"),
+        ({"game": "sample", "recline": 95.0}, "--recline: got 95, expected 0 to 90 degrees"),
         ({"game": "sample", "tool": "Tip"}, "--tool: got it without --user"),
         ({"user": "x", "stance": "standing"}, "--stance: got it together with --user"),
         ({"user": "x", "cell": 0.5}, "--cell: got 0.5, expected 0.01 to 0.2 m"),

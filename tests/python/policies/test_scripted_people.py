@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request, evaluate
 from sim2vr_harness.policies.hierarchical.human_motor import RECOGNITION_S
+from sim2vr_harness.policies.scripted.hand import head_angles
 
 PANEL = ("env.app.game=panel", "env.app.renderer=null")
 LIT = "press lit by ray"
@@ -37,6 +39,10 @@ def test_small_targets_take_longer_and_are_missed_more(sizes: dict[float, Evalua
     assert small["step_misses"] > large["step_misses"]
     assert small["hits"] < large["hits"]
     assert small["persons"] == large["persons"] == 3
+    # The lit button is within 15 degrees of straight ahead; heads follow hands and sway a little.
+    for heads in (small, large):
+        assert 0.0 < heads["gaze_eccentricity"] < 30.0
+        assert abs(heads["head_flexion"]) < 30.0
 
 
 def test_nobody_acts_before_the_own_delay_and_recognition(sizes: dict[float, Evaluation]) -> None:
@@ -50,6 +56,25 @@ def test_nobody_acts_before_the_own_delay_and_recognition(sizes: dict[float, Eva
         assert result.values["mean_selection_time_s"] == pytest.approx(
             float(np.mean(times)), abs=0.11
         )
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "place", "expected"),
+    [
+        ((10.0, 0.0), (2.0, 0.0, 1.2), (10.0, 0.0, 10.0)),  # nods, the place is level
+        ((0.0, -20.0), (2.0, 0.0, 1.2), (0.0, 20.0, 20.0)),  # turns to the right
+        ((0.0, 0.0), (1.0, 1.0, 1.2), (0.0, 0.0, 45.0)),
+    ],
+)
+def test_what_neck_and_eyes_have_to_turn(
+    turned_deg: tuple[float, float], place: tuple[float, ...], expected: tuple[float, ...]
+) -> None:
+    """About y, which is to the left, by the first, or about z by the second; MuJoCo's world."""
+    nod, turn = np.radians(turned_deg) / 2.0
+    quat = np.array([np.cos(nod) * np.cos(turn), 0.0, np.sin(nod), np.sin(turn)])
+    poses = np.array([[0.0, 0.0, 1.2]]), quat[None]
+    users = SimpleNamespace(device_poses=lambda device: poses)
+    assert head_angles(users, 0, np.array(place)) == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_same_seed_has_the_same_bits_whoever_plays_beside() -> None:

@@ -164,7 +164,7 @@ def test_a_person_s_hand_and_head_move_by_keys() -> None:
 
 
 def test_a_person_plays_a_round() -> None:
-    show = choosing.choose(None, person=True, game="sample")
+    show = choosing.choose(None, played=True, game="sample")
     assert show.hands is not None
     moments = show.moments()
     first = next(moments)

@@ -118,6 +118,22 @@ class Hand:
         )
 
 
+def head_angles(users: Any, user: int, place: FloatArray) -> tuple[float, float, float]:
+    """Return how far a head is bent forward and turned aside, and how far it faces beside a place.
+
+    Args:
+        users: They wear headsets.
+        user: Whose head it is.
+        place: (3,) MuJoCo's world, m.
+    """
+    positions, quats = users.device_poses("headset")
+    faces, gap = turned(quats[user], np.array([1.0, 0.0, 0.0])), place - positions[user]
+    beside = float(faces @ gap) / max(float(np.linalg.norm(gap)), 1e-9)
+    down, aside = -np.arcsin(np.clip(faces[2], -1.0, 1.0)), abs(np.arctan2(faces[1], faces[0]))
+    found = np.degrees([down, aside, np.arccos(np.clip(beside, -1.0, 1.0))]).tolist()
+    return found[0], found[1], found[2]
+
+
 def turned(quat: FloatArray, vector: FloatArray) -> FloatArray:
     """(3,) a vector turned by a quaternion w x y z."""
     w, v = quat[0], quat[1:]

@@ -24,7 +24,9 @@ class StepOutcome:
         time_s: Seconds until the inputs were operated, or until the arrival; for a person from the
             previous press, which may have spawned the target, else from the start of the step.
         missed: Whether hand or ray were beside the object at that time, by more than half its
-            width.
+            width, and a touched one did not react.
+        head_deg: At that time: how far the head is bent forward and turned aside, and the angle
+            between where it faces and the object, which the eyes bridge.
         ray_off_deg: By ray: angle between the app's own ray and the controller's aim ray.
         inputs: Inputs that were operated.
         moved_s: As ``arrived_s``, of the second place of ``grab``.
@@ -44,6 +46,7 @@ class StepOutcome:
     angle_deg: float | None = None
     time_s: float | None = None
     missed: bool = False
+    head_deg: tuple[float, float, float] | None = None
     ray_off_deg: float | None = None
     inputs: tuple[str, ...] = ()
     moved_s: float | None = None

@@ -21,7 +21,7 @@ from sim2vr_harness.client.tasks.events import EVENT_VALUE, count_key
 from sim2vr_harness.policies.hierarchical.human_motor import RECOGNITION_S, SAME_M
 from sim2vr_harness.policies.hierarchical.motor_policy import WIDTH_M
 from sim2vr_harness.policies.protocol import Observation
-from sim2vr_harness.policies.scripted.hand import By, Hand
+from sim2vr_harness.policies.scripted.hand import By, Hand, head_angles
 from sim2vr_harness.policies.scripted.outcomes import StepOutcome
 from sim2vr_harness.policies.scripted.person import PersonHand, PersonMotor
 from sim2vr_harness.policies.scripted.places import Places, own_ray
@@ -177,7 +177,7 @@ class Episode:
         self._pressed: tuple[str, ...] = ()
         self.hand = self._hands[sides[0]]
         self._run = self._all()
-        self.begun = self._over = self._finished = False
+        self.begun = self._over = self._finished = self._reacted = False
         self.outcomes: list[StepOutcome] = []
 
     def _look(self) -> None:
@@ -278,7 +278,11 @@ class Episode:
             # What is touched may have jumped away at that.
             seen = [true, *(self._seen if outcome.by == "touch" else ())]
             off_m = min(self.hand.off_m(one, outcome.by) for one in seen if one is not None)
-            outcome.missed = off_m > 0.5 * wide
+            outcome.missed = off_m > 0.5 * wide and not self._reacted
+            if "headset" in self._simulation.body.devices:
+                outcome.head_deg = head_angles(
+                    self._simulation.users, self._user, true if self._aim is None else self._aim
+                )
         self._since = self._now + 1  # what this brings up is not there before
         if step.kind in ("touch", "point"):
             yield from self._stay(_HOLD_S)
@@ -395,7 +399,8 @@ class Episode:
         for k in range(self._user_steps(seconds)):
             where = place()
             reacts = before is not None and (where is None or _distance(where, before) > _JUMP_M)
-            if reacts and by == "touch" and error < _TOUCHED_M:
+            self._reacted = reacts and by == "touch" and error < _TOUCHED_M
+            if self._reacted:
                 return (k - 1) / self._hz, error
             if where is not None:
                 error = self.hand.error(where, by)

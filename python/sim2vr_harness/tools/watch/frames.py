@@ -134,6 +134,7 @@ def user_show(
     *,
     seed: int = 1,
     deterministic: bool | None = None,
+    person: int | None = None,
     simulation: Callable[..., Any] = make_simulation,
 ) -> Playlist:
     """Return a round of a user.
@@ -143,6 +144,7 @@ def user_show(
         env: the environment.
         seed: of body, policy and game.
         deterministic: True: actions are the policy's mean; None: as in the user's configuration.
+        person: number of the virtual participant who plays; None: as the environment says.
         simulation: makes the user: (ResolvedEnv, n) -> simulation.
     """
     facts, config = env.facts, env.config
@@ -164,7 +166,7 @@ def user_show(
             if user is not None:
                 policy, _ = user.policy(users, facts)
             player = Player(users, policy, facts, deterministic=mean and user is not None)
-            player.begin([Job("", 0, seed)])
+            player.begin([Job("", 0, seed, person=person)])
             counters, most = Counters(facts), 1e-9
             for outcome in player.steps():
                 info = outcome.infos[0]

@@ -17,7 +17,8 @@ from sim2vr_harness.tools.watch.sessions import session_show
 def choose(
     run: str | None,
     *,
-    person: bool = False,
+    played: bool = False,
+    person: int | None = None,
     game: str | None = None,
     condition: str | None = None,
     seed: int = 1,
@@ -31,7 +32,8 @@ def choose(
 
     Args:
         run: a user, configuration or body, or a logged or recorded round's folder or file.
-        person: True if a person plays.
+        played: True if you play.
+        person: number of the virtual participant who plays; None: as the environment says.
         game: another game than the user's.
         condition: of the game.
         seed: of the round.
@@ -44,28 +46,30 @@ def choose(
     Raises:
         InputError: It is none of them, or options exclude each other.
     """
-    if app and (run is not None or person or game is not None or condition is not None):
+    if app and (run is not None or played or game is not None or condition is not None):
         raise InputError("--page", "it with a user, a game or --try", "the page alone")
     if app or untrained is not None:
         player = SimulatedUser.find(untrained or "random")
         env = player.env(app, overrides, game=game, trust_app=trust_app)
-        return user_show(player, env.with_condition(condition), seed=seed)
+        env = player.with_person(env.with_condition(condition), person, seed, overrides)
+        return user_show(player, env, seed=seed, person=person)
     if run is not None and _recorded(Path(run)):
-        if person:
+        if played:
             raise InputError("--try", "it with a recording", "it with a game, a user, or alone")
         if game is not None or condition is not None:
             raise InputError("--game or --condition", "it with a recording", "neither of them")
         return recorded_show(Path(run))
     who = run or "mobl_arms_wrist"
     env = _environment(who, game, condition, overrides, trust_app=trust_app)
-    if person:
+    if played:
         return person_show(env, seed=seed)
     try:
         user = SimulatedUser.find(who)
     except InputError:  # a configuration or a body
         return user_show(None, env, seed=seed)
+    env = user.with_person(env, person, seed, overrides)
     user.require_contract(env)
-    return user_show(user, env, seed=seed, deterministic=deterministic)
+    return user_show(user, env, seed=seed, deterministic=deterministic, person=person)
 
 
 def recorded_show(path: Path) -> Playlist:

@@ -43,7 +43,7 @@ PAGES = (
     "docs/reference/sessions.md",
     *(
         f"docs/tutorials/{name}.md"
-        for name in ("researcher", "web_developer", "unity_developer", "rl_engineer")
+        for name in ("web_developer", "unity_developer", "rl_engineer")
     ),
 )
 

@@ -41,10 +41,7 @@ PAGES = (
         )
     ),
     "docs/reference/sessions.md",
-    *(
-        f"docs/tutorials/{name}.md"
-        for name in ("web_developer", "unity_developer", "rl_engineer")
-    ),
+    *(f"docs/tutorials/{name}.md" for name in ("web_developer", "unity_developer", "rl_engineer")),
 )
 
 TASK = """seconds: 5

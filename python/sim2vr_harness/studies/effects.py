@@ -319,7 +319,7 @@ def _of_study(file: EffectsConfig, effect: EffectConfig, data: StudyData) -> Eff
     each = second / first if ratio else second - first
     each = each[np.isfinite(each)]
     if not len(each):
-        return _unmeasured(file, effect, "no person has a value at both levels")
+        return _unmeasured(file, effect, "no participant has a value at both levels")
     return EffectResult(
         file.name,
         effect.effect,

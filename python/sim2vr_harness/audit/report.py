@@ -109,8 +109,8 @@ def headline(values: Mapping[str, Any]) -> str:
     every, targets = values["groups"][0], values["targets"]
     missed = sum(each["remedy"] is not None for each in targets)
     if every["n"] < FEWEST:
-        few = f"{every['n']} virtual participants are too few to judge {len(targets)} targets"
-        return f"{few}: at least {FEWEST} are needed."
+        few = f"{every['n']} participants are too few to judge {len(targets)} targets"
+        return f"{few}: {FEWEST} are needed."
     who = f"{values['people']} {values['stance']} virtual participants"
     share = every["every_target"]["share"]
     if share == 1.0:

@@ -7,13 +7,12 @@ import shlex
 import shutil
 import subprocess
 import sys
-from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import Any
 
 project = "sim2vr"
 author = "the sim2vr authors"
-release = version = installed_version("sim2vr-harness")
+release = version = (Path(__file__).parents[1] / "VERSION").read_text(encoding="utf-8").strip()
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["examples"]

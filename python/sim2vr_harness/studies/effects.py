@@ -41,7 +41,7 @@ class Reaches(Settings):
 
     persons: int = Field(default=12, ge=2, le=1000)
     repeats: int = Field(default=8, ge=1, le=1000)
-    """Movements of each person to each index of difficulty."""
+    """Movements of each participant to each index of difficulty."""
     seed: int = Field(default=3, ge=0, le=2**31 - 1)
 
 

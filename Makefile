@@ -45,8 +45,8 @@ stubs: setup  ## Regenerate python/sim2vr_harness/_app_runtime.pyi
 reference: setup  ## Write the generated pages of docs/reference from the package
 	$(VENV)/bin/python tools/docs/reference.py
 
-docs: setup  ## Build the documentation's site, build/docs/index.html; dead links are errors
-	$(VENV)/bin/python -m sphinx -q -W --keep-going -b html docs build/docs
+docs: setup  ## Build the documentation's site, build/docs/index.html, with sample reports; dead links are errors
+	$(VENV)/bin/python -m sphinx -q -W --keep-going -t samples -b html docs build/docs
 	@echo build/docs/index.html
 
 lock: setup  ## Regenerate requirements.lock from pyproject.toml

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
-from importlib.metadata import version as installed_version
+import shlex
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 project = "sim2vr"
 author = "the sim2vr authors"
-release = version = installed_version("sim2vr-harness")
+release = version = (Path(__file__).parents[1] / "VERSION").read_text(encoding="utf-8").strip()
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["examples"]
@@ -40,6 +43,13 @@ SECTIONS = {
     "Glossary": "glossary",
 }
 """Section of the site -> its pages, as patterns below docs/. A page in no section is an error."""
+
+SAMPLES = {
+    "study": "study --game panel --user 'press lit by ray' --vary button_m=0.04,0.12 --people 6 "
+    "--set env.app.options.round_seconds=8",
+    "audit": "audit --game whacamole --condition low --people 30",
+}
+"""Samples of docs/guide/gallery.md -> the options of the command that plays them."""
 
 DOCS = Path(__file__).resolve().parent
 
@@ -74,6 +84,20 @@ def prepare(app: Any, name: str, source: list[str]) -> None:
         source[0] += "\n" + toctrees()
 
 
+def add_samples(app: Any, error: Exception | None) -> None:
+    """Copy the sample reports to the site, with the tag ``samples``; play missing ones before."""
+    for name, options in SAMPLES.items() if error is None and app.tags.has("samples") else ():
+        folder = DOCS.parent / "build/samples" / name
+        if not (folder / "report.html").is_file():
+            command = [Path(sys.executable).with_name("sim2vr-harness"), *shlex.split(options)]
+            subprocess.run([*command, "--out", folder], check=True)
+        kept = shutil.ignore_patterns("cells", "data")
+        shutil.copytree(
+            folder, Path(app.outdir) / "samples" / name, ignore=kept, dirs_exist_ok=True
+        )
+
+
 def setup(app: Any) -> None:
     """Connect to Sphinx."""
     app.connect("source-read", prepare)
+    app.connect("build-finished", add_samples)

@@ -15,8 +15,21 @@
 
 namespace sim2vr::games::beats {
 
-// The numbers behind the picture that a teacher learns from (docs/reference/games/beats.md,
-// "Privileged observations").
+// Privileged observations: the numbers behind the picture that a teacher learns from.
+// Objects are listed from the frame in which the camera could see them within 10 m. Positions are
+// in metres, minus the head if nothing else is said.
+// - head.x_m .. z_m: head minus origin
+// - left., right.: root_x_m ..: lower end of the blade; axis_x ..: unit vector to the tip;
+//   tip_vx_mps ..; on
+// - left0., left1., right0., right1.: next two boxes of each hand: present; time_s until the cut
+//   plane; x_m ..; dir_x, dir_y (0, 0: any)
+// - mine0. .. mine2.: present, time_s, x_m ..
+// - wall0., wall1.: present; start_s, end_s until front and back reach the head plane; left_m,
+//   right_m, bottom_m, top_m
+// - round.speed_mps: v
+// - aid.left_m, .right_m, .wall_m: distance from the blade to its next box; depth of the head in
+//   wall0
+// - aid.score, .misses, .errors, .slices: sums over the round
 
 /// How many are reported: of each hand's boxes, of mines, of walls.
 inline constexpr std::size_t kShownBoxes = 2;

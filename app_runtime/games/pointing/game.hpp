@@ -13,8 +13,20 @@
 
 namespace sim2vr::games::pointing {
 
-// What a teacher may know of a round: the numbers behind the picture, as far as the head camera has
-// shown them. docs/reference/games/pointing.md, "Privileged observations".
+// Privileged observations: the numbers behind the picture, as far as the head camera has shown them.
+// Positions are in metres. The target is listed from the first frame in which its centre is in the
+// camera's view.
+// - round.side_m, .height_m, .depth_m, .progress: circle's centre from the head at the start;
+//   proportion of trials done
+// - tip.x_m .., .vx_mps .., .depth_m, .armed: minus head; velocity; behind the plane; whether the
+//   next passage selects
+// - target.present, .start, .width_m, .age_s, .x_m .., .place_x_m ..: start: first trial of a
+//   block; centre minus tip, minus head
+// - next.present, .place_x_m ..: the following target, minus head
+// - shown.x0 .. x7, shown.y0 .. y7: 1 where the target is more than -14, -10 .. 14 cm right of, or
+//   above, the circle's centre
+// - shown.width0, .width1: wider than 2.5, 3.75 cm
+// - aid.start_distance_m, aid.start_cell: from the tip to 5 cm before a target; 0
 
 class Privileged {
  public:

@@ -154,7 +154,7 @@ def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:
     for env, name, found, find in sources:
         targets += [replace(each, name=f"{name} {each.name}".strip()) for each in found]
         if request.people is not None:
-            say(f"{request.people} persons, {len(found)} targets ...")
+            say(f"{request.people} virtual participants, {len(found)} targets ...")
             margins.append(people_margins(env, point, found, request.people, find, request.seed))
     say("what is within reach ...")
     people = np.concatenate(margins, axis=1) if margins else None
@@ -241,7 +241,7 @@ def run(
         processes: At most; 0: one per core. The number does not change any result.
         say: Receives the present activity.
     """
-    say(f"{people} persons, {len(targets)} targets ...")
+    say(f"{people} virtual participants, {len(targets)} targets ...")
     subjects = draw(people, seed, recline_deg)
     everyone = Crowd(subjects, stance, NONE)
     # The same parts for any number of processes, so that this number changes no result: everyone on

@@ -481,9 +481,9 @@ def told(found: Measured) -> list[str]:
         text = f"  {target.name}: {margin_words(verdict.margin_m)}"
         if len(known):
             worst, inside = margin_words(float(known.min())), int((known >= 0.0).sum())
-            text += f"; {inside} of {len(known)} people, at worst {worst}"
+            text += f"; {inside} of {len(known)} participants, at worst {worst}"
         elif len(margins):
-            text += "; in no round of people"
+            text += "; in no round of participants"
         lines.append(text)
     return lines
 

@@ -167,7 +167,7 @@ def plain(held: Held) -> dict[str, object]:
 def told(arms: Sequence[Held], load_kg: float) -> list[str]:
     """Return lines on the same arm of one or several persons."""
     first = arms[0]
-    many = f", {len(arms)} persons: median (least to most)" if len(arms) > 1 else ""
+    many = f", {len(arms)} participants: median (least to most)" if len(arms) > 1 else ""
     shares = [np.inf if arm.share is None else arm.share for arm in arms]
     rows = {
         "torque at the shoulder (Nm)": ([arm.torque_nm for arm in arms], 1, ""),

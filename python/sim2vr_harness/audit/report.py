@@ -32,8 +32,8 @@ from sim2vr_harness.users.rendering import OrbitView, RenderingError, UserRender
 FloatArray = NDArray[np.float64]
 
 LIMITS = (
-    "The trunk leans and turns, but persons do not stand up, step, turn their feet or shift on a "
-    "seat: who would do so reaches further.",
+    "The trunk leans and turns, but participants do not stand up, step, turn their feet or shift "
+    "on a seat. People who do so reach further.",
     "Joint limits are independent of each other, and the arm may pass through trunk, head and "
     "objects: some postures are not possible for people.",
     "Postures are the easiest of those found, held without motion; contacts do not support the "
@@ -41,7 +41,7 @@ LIMITS = (
     "Muscles are a man's arm, scaled by body size and strength; raised arms are too weak in this "
     "model, so that activations are for comparison and exclude no one. Age, endurance and skill do "
     "not vary.",
-    "Persons with limitations are the sampled persons with narrower joint limits, weaker muscles "
+    "Participants with limitations are the sampled ones with narrower joint limits, weaker muscles "
     "or one hand, not patients.",
 )
 """Limitations of the model, as a report states them."""
@@ -114,10 +114,9 @@ def headline(values: Mapping[str, Any]) -> str:
     every, targets = values["groups"][0], values["targets"]
     missed = sum(each["remedy"] is not None for each in targets)
     if every["n"] < FEWEST:
-        return (
-            f"{every['n']} persons are too few to judge {len(targets)} targets: {FEWEST} at least."
-        )
-    who = f"{values['people']} {values['stance']} virtual people"
+        few = f"{every['n']} participants are too few to judge {len(targets)} targets"
+        return f"{few}: {FEWEST} are needed."
+    who = f"{values['people']} {values['stance']} virtual participants"
     share = every["every_target"]["share"]
     if share == 1.0:
         return f"All {who} can see, reach and hold all {len(targets)} targets."
@@ -228,7 +227,7 @@ def _first(values: Mapping[str, Any], still: Path) -> list[Part]:
         rows = [(each["name"], *(_share(each[one]) for one in columns)) for each in hard[:_SHOWN]]
     kept = [number for number, _ in enumerate(header) if any(row[number] for row in rows)]
     rows = [tuple(row[number] for number in kept) for row in rows]
-    picture = image(still.read_bytes(), "A person and the targets")
+    picture = image(still.read_bytes(), "A participant and the targets")
     picture += Markup('<p class="caption">{}</p>').format(_CAPTION)
     return [picture, table([header[number] for number in kept], rows)]
 
@@ -266,7 +265,7 @@ def _sections(
             own += [group["targets"][name] for name in chosen]
             mark = "" if group["verified"] else " *"
             shares.append((group["name"] + mark, str(group["n"]), *map(_percent, own)))
-        header = ("group", "persons", *(["every target"] if first else []), *chosen)
+        header = ("group", "participants", *(["every target"] if first else []), *chosen)
         sections[-1][1].append(table(header, shares))
     sections.append(("Exertion by target", [_exertion_table(values), _EXERTION]))
     necks = [
@@ -336,17 +335,17 @@ _ANSWER: tuple[str, ...] = (
 )
 _CARRIED = ("step_time", "step_misses", "steps_failed")
 _SCRIPT = (
-    "Persons of the population carry out the script in the app by their muscles, with their own "
+    "Virtual participants carry out the script in the app by their muscles, with their own "
     "delays and noise. Values are means of those who did a step; a row is a condition."
 )
 _PATHS = (
-    "Torque at the shoulder of the person of median stature who moves from one target to the next "
-    "in 0.5 s, as a share of published strength (*)."
+    "Torque at the shoulder of the participant of median stature who moves from one target to the "
+    "next in 0.5 s, as a share of published strength (*)."
 )
 
 
 _CAPTION = (
-    "A person of median stature among the targets; colours say how many people can use a target."
+    "A participant of median stature among the targets; colours say how many can use a target."
 )
 _TURN = (
     "The same in space: turn it with the mouse or a finger. Lines: eyes, shoulders, and the way "
@@ -354,11 +353,11 @@ _TURN = (
 )
 _GROUPS = (
     "Share who can use a target, with Wilson's 95 % interval. Groups of fewer than "
-    f"{FEWEST} persons are not judged. Groups with a source that was not read are marked * and are "
-    "not in the answer above."
+    f"{FEWEST} participants are not judged. Groups with a source that was not read are marked * "
+    "and are not in the answer above."
 )
 _EXERTION = (
-    "Median (5 % to 95 %) of the persons who reach the target. Activation: least largest "
+    "Median (5 % to 95 %) of the participants who reach the target. Activation: least largest "
     "activation of the shoulder's muscles that holds the posture; above 1 they are too weak. "
     "Minutes: until exhaustion, held without a break, or at the app's pace with the arm down "
     "between; endless: more than 30 at that pace. "
@@ -435,7 +434,7 @@ def _space(audit: Audit) -> Panel:
         return Places(name, right, ahead, up, colour, **{"places": True} | more)
 
     layers = [
-        layer("a person, down to the floor", figure, INK, places=False),
+        layer("a participant, down to the floor", figure, INK, places=False),
         layer("eyes and shoulders", landmarks, GREY),
     ]
     names = np.array([each.name for each in audit.targets])

@@ -49,7 +49,7 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
         names="users",
     )
     point: str | None = option(
-        "With --user: what is to get there, a device or part of the body.",
+        "With --user: the device or part of the body that has to get there.",
         metavar="PART",
         shown="the first controller",
     )
@@ -64,22 +64,22 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
     )
     load: float = option("With --pose: mass in each hand, kg, beside the controller.", 0.0)
     people: int | None = option(
-        "Persons, 1 to 10,000; with --user of its population.",
+        "Number of virtual participants, 1 to 10,000; with --user of its population.",
         metavar="N",
         shown="500; with --user it alone",
     )
-    stance: str = option("Of the persons: seated or standing.", "seated", metavar="STANCE")
+    stance: str = option("Participants' stance: seated or standing.", "seated", metavar="STANCE")
     recline: float = option(
-        "By how much the trunk leans back about the hips, degrees; 90: the persons lie.", 0.0
+        "How far the trunk leans back about the hips, degrees; 90: the participants lie.", 0.0
     )
     height_offset: float = option(
-        "By how much the app raises its users above where they are, m; lower: negative.", 0.0
+        "How far the app raises its users above their place, m; negative if it lowers them.", 0.0
     )
-    pace: float = option("Uses of a target in a minute.", 20.0, metavar="N")
+    pace: float = option("Uses of a target per minute.", 20.0, metavar="N")
     operate: int = option(
-        "With a script as --user: how many persons carry it out in the app.", 0, metavar="N"
+        "With a script as --user: how many participants carry it out.", 0, metavar="N"
     )
-    seed: int = option("Other persons for another seed.", 1)
+    seed: int = option("Seed of the participants.", 1)
     out: Path = option("Folder for the files.", Path("audit"), place="folder to write")
     app: Mapping[str, Any] = field(default_factory=dict)
 
@@ -108,7 +108,7 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
             ("--people", people, 1, _MOST_PEOPLE, f"1 to {_MOST_PEOPLE:,}"),
             ("--seed", self.seed, 0, 2**31 - 1, f"0 to {2**31 - 1}"),
             ("--pace", self.pace, 0.1, 120.0, "0.1 to 120 uses in a minute"),
-            ("--operate", self.operate, 0, people, f"0 to the {people} persons of --people"),
+            ("--operate", self.operate, 0, people, f"0 to the {people} of --people"),
             ("--recline", self.recline, 0.0, 90.0, "0 to 90 degrees"),
             ("--height-offset", self.height_offset, -2.0, 2.0, "-2 to 2 m"),
             ("--cell", self.cell, 0.01, 0.2, "0.01 to 0.2 m"),

@@ -40,7 +40,7 @@ def argument(metavar: str, help: str, default: Any = MISSING, **about: Any) -> A
 class TrustedApp:
     """``--trust-app``."""
 
-    trust_app: bool = option("Run the program or Python code that a file names; remembered.", False)
+    trust_app: bool = option("Run programs and Python code that a file names, from now on.", False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +73,7 @@ class ActionMode:
     """``--deterministic`` and ``--stochastic``."""
 
     deterministic: bool | None = option(
-        "Take the policy's mean, or sample.",
+        "Take the policy's mean action, or sample one.",
         name="--deterministic/--stochastic",
         shown="the user's evaluation.deterministic",
     )

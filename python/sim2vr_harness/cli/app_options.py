@@ -21,7 +21,7 @@ class PageFiles:
     """What a page is shown with."""
 
     map_: tuple[str, ...] = option(
-        "Where a page finds addresses that begin so, or a map file of `page vendor`; may be "
+        "Serve addresses under URL from FOLDER, or those of a map file of `page vendor`; may be "
         "repeated. All others are refused.",
         (),
         metavar="URL=FOLDER|FILE",
@@ -34,7 +34,7 @@ class GameLibrary:
     """Games of others."""
 
     game_library: str | None = option(
-        "A shared library of games, whose code is run.", metavar="FILE"
+        "Open a shared library of games and run its code.", metavar="FILE"
     )
 
     def library(self) -> dict[str, str]:
@@ -56,12 +56,12 @@ class PageOptions(PageFiles, GameLibrary):
         metavar="FILE",
     )
     task: str | None = option(
-        "What the app is worth: FILE.py:CLASS, or rules in YAML.", metavar="FILE"
+        "Reward, end and measures of the app: a YAML file, or FILE.py:CLASS.", metavar="FILE"
     )
     openxr: str | None = option(
         "Play an OpenXR program; arguments in the same quotes.", metavar="PROGRAM"
     )
-    virtual_clock: bool = option("Let clocks of --openxr advance with steps.", False)
+    virtual_clock: bool = option("Let the clocks of --openxr advance with the steps.", False)
     xvfb: bool = option("Give --openxr an X server of its own.", False)
 
     def remote(self) -> dict[str, Any]:

@@ -27,7 +27,7 @@ class AuditOptions(AuditRequest, PageOptions):
 
 
 def audit(options: AuditOptions) -> int:
-    """Say who can see, reach and hold an app's targets.
+    """Say who can see, reach and hold an app's targets, and why not.
 
     Examples:
         sim2vr-harness audit --page shop.html --people 100

@@ -32,7 +32,7 @@ class EvaluateRequest(Request, AnyUser, JsonOutput, Checked, AppOptions):
 
     run: str | None = argument(
         "RUN",
-        "A run's folder, a checkpoint, or pretrained:NAME; nothing with --user.",
+        "A run's folder, a checkpoint, or pretrained:NAME. Leave it out with --user.",
         None,
         names="users",
     )

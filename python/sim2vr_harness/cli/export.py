@@ -14,7 +14,7 @@ class ExportRequest:
     """What to write, and as what."""
 
     folder: Path = argument(
-        "FOLDER", "Of an evaluation or study that kept its steps; with --iwer also a session."
+        "FOLDER", "Folder of an evaluation or study with its steps; with --iwer also a session."
     )
     episode: tuple[str, ...] = option(
         "A key of the table episodes; may be repeated.", (), metavar="KEY", shown="all"

@@ -29,16 +29,16 @@ class LayerRequest(TrustedApp):
     step_s: float = option(
         "Duration of a user step.", 0.05, name="--step", metavar="S", least=0.001, most=1.0
     )
-    seed: int = option("Of what is drawn.", 1, least=0)
+    seed: int = option("Seed of the random numbers.", 1, least=0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainLayerRequest(LayerRequest, TrainedPeople):
     """What to train."""
 
-    out: Path = option("The layer's file.", MISSING, metavar="FILE.pt", place="file to write")
+    out: Path = option("File to write.", MISSING, metavar="FILE.pt", place="file to write")
     begin: Path | None = option(
-        "Go on from this layer, such as one that ships.",
+        "Continue from this motor policy.",
         metavar="LAYER.pt",
         place="file to read",
     )
@@ -55,21 +55,21 @@ class MeasureLayerRequest(LayerRequest, JsonOutput):
     """What to measure."""
 
     people: int | None = option(
-        "N persons of a simulated population, 12 unless set (docs/concepts/people.md).",
+        "Measure N virtual participants, 12 unless set (docs/concepts/people.md).",
         metavar="[N]",
         least=1,
         bare=12,
     )
 
     layer: Path | None = option(
-        "The layer.", metavar="FILE.pt", shown="the one that ships", place="file to read"
+        "The motor policy.", metavar="FILE.pt", shown="the one that ships", place="file to read"
     )
-    movements: int = option("Of each kind (9 kinds).", 48, least=12, most=100_000)
-    noise: bool = option("With a person's motor noise; persons always have it.", False)
+    movements: int = option("Movements of each of nine kinds.", 48, least=12, most=100_000)
+    noise: bool = option("With motor noise, which participants always have.", False)
 
 
 def train_layer(request: TrainLayerRequest) -> int:
-    """Train a body's motor layer; a stopped training continues.
+    """Train a body's motor policy; a stopped training continues.
 
     Examples:
         sim2vr-harness users motor train mobl_arms_wrist --out layer.pt
@@ -151,10 +151,10 @@ def _people_trainer(request: TrainLayerRequest, given: MotorTrainingConfig) -> P
 
 
 def measure(request: MeasureLayerRequest) -> None:
-    """Measure aimed movements of a motor layer: Fitts' law, errors, speed profiles.
+    """Measure aimed movements of a motor policy: Fitts' law, errors, speed profiles.
 
-    Hands reach over three distances in three movement times. With --people, persons reach targets
-    of three widths, and end their movements themselves.
+    Hands reach over three distances in three movement times. With --people, participants reach
+    targets of three widths, and end their movements themselves.
 
     Examples:
         sim2vr-harness users motor measure mobl_arms_wrist
@@ -213,9 +213,7 @@ def measure(request: MeasureLayerRequest) -> None:
 
 
 app = CommandGroup(
-    """Train and measure motor layers, which move hands to goals.
-
-    docs/concepts/training.md explains them.
+    """Train and measure motor policies, which move hands to goals (docs/concepts/training.md).
 
     Examples:
         sim2vr-harness users motor train mobl_arms_wrist --out layer.pt

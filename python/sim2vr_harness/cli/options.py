@@ -206,10 +206,10 @@ class AnyUser:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainedPeople:
-    """``--people`` of trainings: so many persons, or a population without end."""
+    """``--people`` of trainings: so many participants, or a population without end."""
 
     people: int | None = option(
-        "Users are a simulated population, or N persons of it (docs/concepts/people.md).",
+        "Train a population: any virtual participants, or N (docs/concepts/people.md).",
         metavar="[N]",
         least=1,
         bare=EVERYONE,

@@ -73,14 +73,14 @@ class ReplayRequest(JsonOutput, AppOptions):
     game: str | None = option(
         "Replay sessions in this game.", metavar="NAME", shown="the session's", names="games"
     )
-    strict: bool = option("Exit with status 1 unless every event came again.", False)
+    strict: bool = option("Exit with status 1 unless the replay repeats every event.", False)
 
 
 def replay(request: ReplayRequest) -> int:
     """Replay recorded rounds and compare every event with the record.
 
-    With --game, --page or --app, or with sessions in files: any app, the recorded devices under
-    virtual time, its values, its events and the first difference with a likely cause.
+    A session is replayed in its game or in the app of --game, --page, --openxr or --app. The output
+    compares values and events, and names the first difference with a likely cause.
 
     Examples:
         sim2vr-harness replay recordings/person_1 --video replay.mp4

@@ -12,7 +12,7 @@ from sim2vr_harness.base.requests import argument, option
 class ReportRequest:
     """What to write a report of."""
 
-    folder: Path = argument("FOLDER", "Of an evaluation or of a study.")
+    folder: Path = argument("FOLDER", "Folder of an evaluation or of a study.")
     out: Path | None = option(
         "The page. Figures go to figures beside it, or to FILE_figures beside a page of another "
         "name.",

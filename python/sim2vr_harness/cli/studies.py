@@ -111,7 +111,7 @@ def plan_tables(
     if not sizes:
         yield Text("No comparison of units: there is no number of units to plan.")
         return
-    unit = {"person": "persons", "user": "users"}.get(unit_of(study), unit_of(study))
+    unit = {"person": "participants", "user": "users"}.get(unit_of(study), unit_of(study))
     rows = [
         [
             " - ".join(map(_foldable, one.levels)),

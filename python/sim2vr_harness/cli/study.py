@@ -25,20 +25,20 @@ class StudyRequest(TrustedApp, Checked, ChangedEnvironment, PageOptions):
     """Which study to play, and how."""
 
     file: Path | None = argument(
-        "STUDY.yaml", "The study's file, or a folder of effects; nothing with --vary.", None
+        "STUDY.yaml", "The study's file, or a folder of effects. Leave it out with --vary.", None
     )
     vary: tuple[str, ...] = option(
-        "Make a study of these values: of an option of the app, of a key such as "
+        "Compare these values of an option of the app, of a key such as "
         "env.user.noise.constant, of user or of condition; may be repeated.",
         (),
         metavar="NAME=A,B,...",
     )
     game: str | None = option("With --vary: the game.", metavar="NAME", names="games")
     people: int | None = option(
-        "With --vary: how many persons play each cell.", metavar="N", shown="24", least=1
+        "With --vary: virtual participants per cell.", metavar="N", shown="24", least=1
     )
     episodes: int | None = option(
-        "With --vary: rounds per cell and person.", metavar="N", shown="1", least=1
+        "With --vary: rounds per cell and participant.", metavar="N", shown="1", least=1
     )
     measure: tuple[str, ...] = option(
         "With --vary: what to compare; may be repeated.",
@@ -46,25 +46,25 @@ class StudyRequest(TrustedApp, Checked, ChangedEnvironment, PageOptions):
         metavar="NAME",
         shown="times, errors, score, load and endurance",
     )
-    seed: int | None = option("With --vary: of persons and rounds.", metavar="N", shown="1")
+    seed: int | None = option("With --vary: seed of the study.", metavar="N", shown="1")
     out: Path | None = option(
-        "Its folder. What is done there is not done again.",
+        "The study's folder. Finished cells in it are not played again.",
         shown="studies/NAME",
         place="folder to write",
     )
     user: str | None = option(
-        "With --vary or a folder of effects: who plays, a trained user or a script such as "
-        "'press lit by ray'.",
+        "With --vary or a folder of effects: a trained user, or a script such as "
+        "'press lit by ray', that plays.",
         metavar="USER",
         shown="those that the files name",
         names="players",
     )
     jobs: int | None = option(
-        "Cells and trainings at a time.", shown="one per two cores, at least two"
+        "Cells and trainings that run at a time.", shown="one per two cores, at least two"
     )
     report: bool = option("Write report.html and report.pdf at the end.", True)
     ray: str | None = option(
-        "Let a running Ray cluster do them, one core a task.", metavar="auto|ADDRESS"
+        "Play on a running Ray cluster, one core per task.", metavar="auto|ADDRESS"
     )
     storage: str | None = option(
         "With --ray: where machines that do not see the study's folder leave results, such as "
@@ -72,25 +72,25 @@ class StudyRequest(TrustedApp, Checked, ChangedEnvironment, PageOptions):
         metavar="URL",
     )
     replay_damaged: bool = option(
-        "Play finished cells again whose files have changed since.", False
+        "Play cells again whose files were changed after they finished.", False
     )
     plan: bool = option(
-        "Play nothing: check the study, and print how many persons or trainings its comparisons "
-        "need, from the results in --out if it has been run.",
+        "Play nothing: check the study, and print how many participants or trainings its "
+        "comparisons need, from the results in --out if it has been run.",
         False,
     )
     difference: tuple[str, ...] = option(
-        "With --plan: a difference that is to be found; may be repeated.",
+        "With --plan: a difference that the study should find; may be repeated.",
         (),
         metavar="MEASURE=VALUE",
     )
 
 
 def study(request: StudyRequest) -> int:
-    """Play a study: its cells, trainings, comparisons and report.
+    """Compare designs: play every cell of a study, and write the report.
 
-    A study that names a program, a page, an address or Python code starts nothing before you have
-    agreed. --trust-app agrees, for the study and for the users and configurations that it names.
+    With --vary the command writes the study's file. A file of someone else that names a program, a
+    page, an address or Python code is played with --trust-app only.
 
     Examples:
         sim2vr-harness study --page menu --user "press lit" --vary size=0.04,0.06

@@ -35,13 +35,13 @@ class TrackRequest(ChangedEnvironment, TrustedApp):
         names="users",
     )
     stature: float | None = option(
-        "The person's stature in m, to which the body is cut.",
+        "The person's stature in m, to which the body is scaled.",
         metavar="M",
         shown="estimated from the head's height",
     )
     mass: float | None = option("The person's mass.", metavar="KG", shown="by stature")
     yaw: str = option(
-        "How far to the right of the recorded forward the person faces; head: as that.",
+        "How far right of the recorded forward the person faces; head: as the head does.",
         "0",
         metavar="DEG|head",
     )
@@ -60,12 +60,12 @@ class TrackRequest(ChangedEnvironment, TrustedApp):
     pointed: bool = option("Let hands point as the person's did, too.", False)
     play: bool = option("Play the recorded game with this hand.", True)
     record: bool = option("Film it.", False)
-    seed: int = option("Of what is drawn.", 1, least=0)
+    seed: int = option("Seed of the random numbers.", 1, least=0)
     out: Path = option("Folder for the files.", Path("track"), place="folder to write")
 
 
 def track(request: TrackRequest) -> None:
-    """Let a body follow recorded hands, and report errors and effort.
+    """Estimate the muscles that a recorded movement needs.
 
     Examples:
         sim2vr-harness track recordings/person_1 --no-refine

@@ -36,7 +36,7 @@ class TrainRequest(TrainedPeople, TrustedApp, AppOptions):
         "Change the configuration: --set ppo.n_envs=4; may be repeated.", (), metavar="KEY=VALUE"
     )
     from_: str | None = option(
-        "Instead of CONFIG: go on from a trained user, with what --set changes.",
+        "Instead of CONFIG: continue from a trained user, with the changes of --set.",
         metavar="USER",
         names="users",
     )
@@ -44,15 +44,15 @@ class TrainRequest(TrainedPeople, TrustedApp, AppOptions):
         "Stop after this many user steps of the run's last stage.", shown="all of them"
     )
     out: Path | None = option("The run's folder.", shown="runs/NAME", place="folder to write")
-    seed: int | None = option("Short for --set seed=SEED.")
+    seed: int | None = option("Seed of the run; short for --set seed=SEED.")
     device: Literal["auto", "cpu", "cuda"] | None = option(
-        "What learns: cuda is an NVIDIA GPU.", shown="auto"
+        "Device that learns; cuda is an NVIDIA GPU.", shown="auto"
     )
     cores: int | None = option("Cores of this machine to use.", shown="all", least=1)
     resume: bool = option("Continue the run exactly.", False)
-    overwrite: bool = option("Delete the run that is there.", False)
+    overwrite: bool = option("Delete the run in the folder, and start again.", False)
     set_aside: bool = option(
-        "With --resume: put files that cannot be used aside, go on from the last good ones.", False
+        "With --resume: set unusable files aside, and continue from the last usable ones.", False
     )
 
 
@@ -150,7 +150,7 @@ def _of_people(settings: TrainingConfig, count: int | None = None) -> TrainingCo
         vision = vision.model_copy(update={"fovea": FoveaConfig(gaze="moves")})
         names += ["fovea", "fovea_depth", "gaze"]
     else:
-        say("note: persons see the headset's picture only, without a second one around the gaze")
+        say("note: participants see the headset's picture only, without a fovea around the gaze")
     more = [SenseConfig(sense=name) for name in names if name not in known]
     senses = (*env.senses, *more)
     update = {"user": as_population(env.user, count), "senses": senses, "vision": vision}

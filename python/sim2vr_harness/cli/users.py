@@ -208,7 +208,7 @@ def _sections(user: TrainedUser, name: str) -> Iterator[tuple[str, list[str]]]:
     yield called, [card.get("description") or f"Plays {env.app.game}."]
     options = [f"{key}: {value}" for key, value in env.app.options.items()]
     yield "App", [f"{env.app.transport}, game {env.app.game}", *options]
-    people = "one person" if env.user.people is None else "another person in every round"
+    people = "one body" if env.user.people is None else "another participant in every round"
     rate = f"{env.action_frequency_hz:g} user steps per second"
     motors = sum(len(names) - 1 for names in terms.get("actuators", ()))
     muscles = f"{len(terms['muscles'])} muscles" if terms["muscles"] else f"{motors} joint motors"
@@ -246,7 +246,7 @@ def _sections(user: TrainedUser, name: str) -> Iterator[tuple[str, list[str]]]:
 
 
 def get(request: GetRequest) -> None:
-    """Fetch trained users that the package has no room for.
+    """Fetch trained users that are not part of the package.
 
     Each file must have the SHA-256 that the package knows. Afterwards they are called
     `pretrained:NAME`.
@@ -367,7 +367,7 @@ def _physique(request: ExportRequest) -> Physique:
 
 
 app = CommandGroup(
-    """List, get and pack users; export bodies; train motor layers.
+    """List, get and pack users; export bodies; train motor policies.
 
     Examples:
         sim2vr-harness users list

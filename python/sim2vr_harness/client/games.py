@@ -380,7 +380,7 @@ def facts_of_outside(name: str) -> GameFacts:
 
 
 def read_facts(told: Mapping[str, Any]) -> GameFacts:
-    """Read the facts that a game publishes as JSON (docs/reference/protocol.md, hello).
+    """Read the facts that a game publishes as JSON (app_runtime/server/protocol2.md, hello).
 
     Raises:
         BadReply: A field is missing, or has another type.

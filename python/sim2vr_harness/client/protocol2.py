@@ -1,6 +1,6 @@
 """Protocol 2: binary messages, several apps in one, images raw or in shared memory.
 
-docs/reference/protocol.md describes every byte.
+app_runtime/server/protocol2.md describes every byte.
 """
 
 from __future__ import annotations
@@ -344,7 +344,7 @@ class Protocol2Connection:
         start_timeout_s: how long the server may take to start and to make the apps.
 
     Attributes:
-        facts: what the game publishes (docs/reference/protocol.md, hello), or None.
+        facts: what the game publishes (app_runtime/server/protocol2.md, hello), or None.
         capabilities: of the apps, see :attr:`AppClient.capabilities`.
         images: of each app, (H, W, 4), with two eyes (2, H, W, 4).
 

@@ -270,7 +270,7 @@ def _note_facts(address: str, connection: Protocol2Connection) -> GameFacts | No
     except ValueError as error:
         connection.close()
         raise ProtocolError(
-            f"hello: {error}, as docs/reference/protocol.md has it; the app of "
+            f"hello: {error}, as protocol 2 has it; the app of "
             f"{connection.game!r} may be of another version"
         ) from error
     _PUBLISHED[address, connection.game] = known

@@ -23,29 +23,29 @@ class Plays(ChangedEnvironment, TrustedApp):
         (),
         name="--condition",
         metavar="NAME",
-        shown="the run's evaluation.conditions, or those below",
+        shown="the run's evaluation.conditions",
     )
     episodes: int | None = option(
-        "Rounds per condition, and person.",
+        "Rounds per condition and participant.",
         metavar="N",
         shown="the run's evaluation.episodes: 10 unless set",
     )
     people: int | None = option(
-        "Let N people play who differ in size, strength, delays, noise and effort; means and "
-        "deviations are then over people (docs/concepts/people.md).",
+        "Let N virtual participants play, who differ in size, strength, delays, noise and effort; "
+        "means and SDs are then over participants (docs/concepts/people.md).",
         metavar="N",
     )
     seed: int | None = option(
-        "Seed of the people and of the first round, one more for each that follows.",
+        "Seed of the participants and of the first round; each further round adds one.",
         metavar="N",
         shown="the run's evaluation.seed: 1 unless set",
     )
     out: Path | None = option(
-        "Folder for files. Results are added to those that are there.",
+        "Folder for files. Results are added to those in it.",
         shown="RUN/evaluation/step_N",
         place="folder to write",
     )
-    batch: int = option("Rounds played in parallel at most.", 10)
+    batch: int = option("Most rounds that are played in parallel.", 10)
     app: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -63,7 +63,7 @@ class KeptFiles:
     steps: bool = option(
         "Write tables of every user step and app frame beside those of episodes and events.", True
     )
-    overwrite: bool = option("Begin with new results where there are others.", False)
+    overwrite: bool = option("Replace the results that are in the folder.", False)
 
 
 @dataclass(frozen=True)

@@ -131,7 +131,7 @@ def _over_what(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     if people != {None}:
         several = len(people) > 1
         number = "several" if several else str(next(iter(people)))
-        return f"Mean ± SD over {number} people, each counts with the mean of its rounds."
+        return f"Mean ± SD over {number} participants, each counts with the mean of its rounds."
     counts = {summary["episodes"] for summary in summaries.values()}
     if counts == {1}:
         return "One round of one user for each condition."

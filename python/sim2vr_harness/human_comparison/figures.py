@@ -28,7 +28,7 @@ _BEYOND = 1.5
 _MOST_ROWS = 12
 """Measures that are shown first where the game names none."""
 
-_MEAN = "mean ± SD over persons"
+_MEAN = "mean ± SD over participants"
 
 _Curve = Callable[[RecordedPerson], tuple[Numbers, Numbers] | None]
 
@@ -116,7 +116,7 @@ def _time_to_hit(report: ComparisonReport) -> Figure | None:
         for cell in _cells(report)
         if (layers := _layers(report, cell, curve, stepped=True))
     ]  # fmt: skip
-    text = "A curve further to the left is of faster hits; a line per person. Grey: people."
+    text = "A curve further to the left is of faster hits; a line per participant. Grey: people."
     return Figure("time_to_hit", "Time to hit", text, panels, same_axes=True) if panels else None
 
 

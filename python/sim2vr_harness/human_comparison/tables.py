@@ -78,7 +78,7 @@ def _law(report: ComparisonReport, *, every: bool) -> Iterator[RenderableType]:
         table = Table(
             *("D (cm)", "W (cm)", "ID (bits)", "MT (s)", "SD (mm)", "errors", "TP (bits/s)"),
             *("submovements", "n"),
-            title=f"{name}: means over n persons",
+            title=f"{name}: means over n participants",
             box=box.SIMPLE_HEAD,
             title_justify="left",
         )

@@ -223,7 +223,7 @@ _OVERALL = {"friedman": significance.friedman, "kruskal-wallis": significance.kr
 _ALPHA = 0.05
 _ROUNDS = (
     "n counts rounds of one policy, as in the publication that this is compared with; they are no "
-    "sample of persons, and p says nothing of people"
+    "sample of people, and p says nothing about people"
 )
 
 
@@ -399,7 +399,7 @@ def _tried(about: dict[str, Any], run: Any) -> dict[str, Any]:
     if n == 1:
         return {
             "refused": "n = 1: one unit shows no variation between units, however many rounds it "
-            "played, so there is no p value; let persons play (people), or train with several seeds"
+            "played, so there is no p value; set people, or train with several seeds"
         }
     try:
         result: dict[str, Any] = run()
@@ -456,7 +456,7 @@ def _mixed(
     if comparison.unit == "round" or found["n"] < 2:
         found["refused"] = (
             f"n = {found['n']}: a mixed model tells units apart from rounds, and needs at least "
-            "two; let persons play (people), or train with several seeds"
+            "two; set people, or train with several seeds"
         )
         return found
     own = [

@@ -384,7 +384,7 @@ class ComparisonConfig(Settings):
     only where the whole 95 % interval is smaller; any other result that is not significant is
     inconclusive."""
     unit: Literal["auto", "round"] = "auto"
-    """Unit that n counts. auto: persons, or the levels of the unit factor; ``round`` compares
+    """Unit that n counts. auto: participants, or the levels of the unit factor; ``round`` compares
     rounds of one policy, as papers have done, and the report says so beside each such number."""
 
 
@@ -402,12 +402,12 @@ class StudyConfig(Settings):
     cells: tuple[dict[str, str], ...] | None = None
     """The cells, each a level of every factor; None: all combinations."""
     episodes: int = Field(default=10, ge=1, le=100_000)
-    """Rounds per cell, and person."""
+    """Rounds per cell and participant."""
     people: int | None = Field(default=None, ge=1, le=10_000)
-    """Number of persons who play each cell; None: the user's own population."""
+    """Number of participants who play each cell; None: the user's own population."""
     seed: int = Field(default=1, ge=0, le=2**31 - 1)
     seeds: Literal["paired", "own"] = "paired"
-    """paired: round k has the same seed in every cell, and person k is the same; own: not so."""
+    """paired: round k has the same seed in every cell, and participant k is the same; own: not."""
     deterministic: bool | None = None
     """True: actions are the policy's mean; False: they are sampled; None: as each user's own
     ``evaluation.deterministic`` says."""

@@ -161,7 +161,7 @@ def _with_cell(
         columns.append(Column(factor_column(name), "text", "", f"Level of the factor {name}"))
         values.append([label] * len(table))
     if levels:
-        what = "What n counts: the person, the level of the unit factor, or the user"
+        what = "What n counts: the participant, the level of the unit factor, or the user"
         columns.append(Column("unit", "text", "", what))
         factor = study.unit_factor
         if study.people is not None:

@@ -41,7 +41,7 @@ class Reaches(Settings):
 
     persons: int = Field(default=12, ge=2, le=1000)
     repeats: int = Field(default=8, ge=1, le=1000)
-    """Movements of each person to each index of difficulty."""
+    """Movements of each participant to each index of difficulty."""
     seed: int = Field(default=3, ge=0, le=2**31 - 1)
 
 
@@ -319,7 +319,7 @@ def _of_study(file: EffectsConfig, effect: EffectConfig, data: StudyData) -> Eff
     each = second / first if ratio else second - first
     each = each[np.isfinite(each)]
     if not len(each):
-        return _unmeasured(file, effect, "no person has a value at both levels")
+        return _unmeasured(file, effect, "no participant has a value at both levels")
     return EffectResult(
         file.name,
         effect.effect,

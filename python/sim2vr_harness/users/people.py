@@ -205,18 +205,18 @@ Delay = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class PeopleSettings(Settings):
-    """Simulated population: every episode samples one person (docs/concepts/people.md)."""
+    """Simulated population: every episode samples one participant (docs/concepts/people.md)."""
 
     vary: tuple[TraitName, ...] = get_args(TraitName)
-    """Traits that differ between persons; the body and the settings determine all others."""
+    """Traits that differ between participants; the body and the settings determine all others."""
     spread: float = Field(default=1.0, ge=0.0, le=2.0)
-    """Factor on deviations from the mean; with 0 all persons are alike."""
+    """Factor on deviations from the mean; with 0 all participants are alike."""
     seed: int = Field(default=0, ge=0, lt=2**31)
-    """Seed of the population; person k of a seed is always the same."""
+    """Seed of the population; participant k of a seed is always the same."""
     count: int | None = Field(default=None, ge=1, le=_COUNTLESS)
     """Size of the population, with numbers 0 to count - 1; None: unlimited."""
     left_handed: Chance = 0.0
-    """Proportion of persons who play with the other hand than the body (docs/concepts/people.md).
+    """Proportion of participants who play with the body's other hand (docs/concepts/people.md).
     They are its mirror image, applied between the body and a game that either hand can play. For
     evaluations."""
     strength: float = Field(default=0.78, gt=0.0, le=10.0)

@@ -638,7 +638,7 @@ def test_processes_change_no_result_and_the_same_seed_writes_the_same_files(tmp_
     values = plain(done)
     for file in ("report.html", "audit.json"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
-    assert headline(values) == "1 persons are too few to judge 2 targets: 30 at least."
+    assert headline(values) == "1 participants are too few to judge 2 targets: 30 are needed."
     assert answers(values) == []
     page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
     for text in ("What limits this answer", "&lt;near&gt;", '"mode":"markers+text"'):

@@ -338,8 +338,8 @@ def test_tables_and_page(found: Measured, tmp_path: Path, monkeypatch: pytest.Mo
     )
     lines = hull.told(found)
     assert lines[4:] == [
-        "  near: inside, 10.1 cm to spare; 2 of 3 people, at worst outside by 2.5 cm",
-        "  <far>: outside by 7.0 cm; in no round of people",
+        "  near: inside, 10.1 cm to spare; 2 of 3 participants, at worst outside by 2.5 cm",
+        "  <far>: outside by 7.0 cm; in no round of participants",
     ]
 
 

@@ -117,7 +117,7 @@ def test_no_difference_is_said_only_within_a_bound_that_the_study_states(
 
     assert first() == (
         "Inconclusive: sparks in calm and wild, 2.78 against 0.54 V, 95 % interval -0.49 to "
-        "4.97 V, 5 of 8 simulated persons."
+        "4.97 V, 5 of 8 virtual participants."
     )
     assert first(equivalence=4.0).startswith("Inconclusive"), "the interval reaches beyond it"
     assert first(equivalence=5.0).startswith(

@@ -11,10 +11,10 @@ from sim2vr_harness.play.fatigue import fatigue_measures
 from sim2vr_harness.play.round import Round, measures_of
 
 EPISODE_COLUMNS = (
-    Column("episode", "text", "", "Key: condition, person and seed; name of its files and logs"),
+    Column("episode", "text", "", "Key: condition, participant, seed; name of its files and logs"),
     Column("user", "text", "", "The trained user, or its run and checkpoint"),
     Column("trained_steps", "integer", "", "User steps that it was trained for"),
-    Column("person", "integer", "", "Number of the person who played; none where all are alike"),
+    Column("person", "integer", "", "Number of the virtual participant; none where all are alike"),
     Column("game", "text", "", "The game"),
     Column("condition", "text", "", "Its condition"),
     Column("number", "integer", "", "Of the episode within its condition, from 0"),
@@ -122,7 +122,7 @@ def episode_columns(rows: Sequence[Mapping[str, Any]], facts: GameFacts) -> list
             what = told.get(name, ("", name.replace("_", " ")))
             into = measures
             if name == "excluded":
-                what = ("", "Why the person could do no step of the script; empty: it did some")
+                what = ("", "Why the participant did no step of the script; empty: it did some")
             if name.startswith("person_"):
                 field = name.removeprefix("person_")
                 into, what = people, (_PERSON_UNITS.get(field, ""), f"Person's {field}")

@@ -219,7 +219,7 @@ class _Source:
                 f"game_{column_name(names[i])}",
                 "single",
                 _UNITS.get(names[i].rpartition("_")[2], ""),
-                f"The game's privileged number {names[i]} (its page says what it is)",
+                f"The game's privileged number {names[i]} (its page or game.hpp explains it)",
             )
             for i in shown
         ]

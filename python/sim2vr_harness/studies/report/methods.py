@@ -215,11 +215,10 @@ def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
             if user.differs is not None
         ]
         if not told:
-            population = f"Users were simulated persons (n = {n})."
+            population = f"Users were virtual participants (n = {n})."
         else:
-            population = (
-                f"Users were simulated persons (n = {n}); they {' or '.join(dict.fromkeys(told))}."
-            )
+            differ = " or ".join(dict.fromkeys(told))
+            population = f"Users were virtual participants (n = {n}); they {differ}."
         parts.append(population)
     parts += [f"{line[0].upper()}{line[1:]}" for line in warnings_of(source)]
     if source.search is not None:
@@ -288,7 +287,7 @@ def _user(user: PlayedBy) -> str:
 
 
 def _unit(unit: str) -> str:
-    words = {"person": "simulated persons", "user": "trained users"}
+    words = {"person": "virtual participants", "user": "trained users"}
     return words.get(unit, f"levels of {unit}")
 
 

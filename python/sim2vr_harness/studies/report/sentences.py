@@ -96,8 +96,8 @@ def warnings_of(source: ReportSource) -> Iterator[str]:
         where = "" if len(labels) == len(source.groups) else f" in {_groups(labels, len(labels))}"
         if line.startswith(("people = yes", "people: yes")):
             yield (
-                f"The users{where} were never trained on people: their policies have learned with "
-                "one average body."
+                f"The users{where} were not trained with a population: their policies have learned "
+                "with one average body."
             )
         else:
             settings.setdefault(where, []).append(line)
@@ -117,7 +117,7 @@ def asked(source: ReportSource) -> list[Measure]:
 def n_sentence(source: ReportSource) -> str:
     """Return a sentence that states n and the conclusions that it allows."""
     n = len(source.units)
-    who = {"person": "simulated person", "user": "trained user"}.get(source.unit)
+    who = {"person": "virtual participant", "user": "trained user"}.get(source.unit)
     what = f"levels of {source.unit}" if who is None else counted(n, who).partition(" ")[2]
     if n == 1:
         return (
@@ -293,11 +293,11 @@ def difference_words(result: Mapping[str, Any], measure: Measure | None) -> str:
 
 
 def counted_units(result: Mapping[str, Any]) -> str:
-    """Return n with its unit: ``12 simulated persons``."""
+    """Return n with its unit: ``12 virtual participants``."""
     n, unit = result["n"], str(result.get("unit"))
     one = {
         "round": "round{} of one policy (no sample of people)",
-        "person": "simulated person{}",
+        "person": "virtual participant{}",
         "user": "trained user{}",
     }.get(unit, f"of {unit}")
     counts = ", ".join(map(str, n)) if isinstance(n, list) else str(n)

@@ -171,7 +171,7 @@ def figures_of_outcomes(source: ReportSource, published: Published) -> Iterator[
         yield Figure(
             "measures",
             "Measures",
-            "Small dots are rounds, large ones means over them, or over persons." + people,
+            "Small dots are rounds, large ones means over rounds or participants." + people,
             panels,
         )
     for grid in source.grids:
@@ -216,7 +216,7 @@ def _measure_panel(groups: Sequence[Group], measure: Measure, published: Publish
         )
     layers += _pairs(groups, measure)
     several = any(len(set(group.units)) > 1 for group in groups)
-    over = "persons or users" if several else "rounds"
+    over = "participants or users" if several else "rounds"
     for place, group in enumerate(groups):
         colour = colour_of(place)
         values = known(group.values(measure.name))
@@ -252,7 +252,7 @@ def _pairs(groups: Sequence[Group], measure: Measure) -> list[Layer]:
     paired = [(unit, *line) for unit, line in lines.items() if len(line[0]) == len(groups)]
     if len(groups) < 2 or len(paired) < 2:
         return []
-    return [Line(unit, x, y, GREY, width=0.6, key="same person or user") for unit, x, y in paired]
+    return [Line(unit, x, y, GREY, width=0.6, key="same participant") for unit, x, y in paired]
 
 
 def _grid(groups: Sequence[Group], grid: Measure, published: Published) -> Figure:
@@ -613,7 +613,7 @@ def _picture(source: ReportSource, published: Published) -> Figure:
     better = {"lower": " Less is better.", "higher": " More is better."}.get(measure.better, "")
     lines = any(isinstance(layer, Line) for layer in panel.layers)
     caption = f"{measure.label}: small dots are rounds, large ones their means.{better}"
-    caption += " A line joins the rounds of one person or user." if lines else ""
+    caption += " A line joins the rounds of one participant or user." if lines else ""
     caption += _GREY if _people(source, published) else ""
     return Figure("answer", measure.label, caption, [replace(panel, title="", wide=True)])
 

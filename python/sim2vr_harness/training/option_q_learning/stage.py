@@ -112,7 +112,7 @@ def choose_manner(
         best = best_vigour(by_vigour)
         person.vigour.fill_(best)
         found = ", ".join(f"{by_vigour[each]:.2f} for {each:g}" for each in _VIGOURS)
-        said += f"; by vigour: {found}. The persons': {best:.3g}"
+        said += f"; by vigour: {found}. The participants': {best:.3g}"
     callbacks.say(f"Reward per minute, less effort, losses weighted: {said}.")
     learner.begin_rounds(learner.step_count, 60)
     learner.manner_chosen = True
@@ -374,7 +374,7 @@ class QLearningStage(Stage):
         doing, warned = "trying at random", False
         while learner.step_count < self.stop:
             if learner.step_count >= self._measured_steps and not learner.persons:
-                callbacks.say("Persons play from now on, with what has been learned.")
+                callbacks.say("Virtual participants play from now on, with what has been learned.")
                 self._begin_persons(learner)
             if learner.step_count >= self._compared_steps and not learner.manner_chosen:
                 choose_manner(

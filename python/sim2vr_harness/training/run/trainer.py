@@ -231,7 +231,7 @@ def plan_lines(stages: Sequence[Stage], config: TrainingConfig) -> list[str]:
 
 
 USER_BYTES = 100_000
-"""Least memory of a user's body and app, bytes (docs/reference/performance.md)."""
+"""Least memory of a user's body and app, bytes (docs/evidence/training_and_speed.md)."""
 
 _M_TRIM_THRESHOLD = -1
 _M_MMAP_MAX = -4

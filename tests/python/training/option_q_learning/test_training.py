@@ -193,7 +193,7 @@ def test_hands_move_as_it_pays(tmp_path: Path) -> None:
     with patch.object(one, "earned", side_effect=of_now):
         choose_manner(one, 100, callbacks, print)  # type: ignore[arg-type]
     assert (float(person.vigour), float(person.lifts)) == (pytest.approx(6.0), 0.0)
-    assert said[0].endswith("The persons': 6.")
+    assert said[0].endswith("The participants': 6.")
     assert (one.step_count, one._decisions.count) == (taken, decisions)
     assert one._memory[0].bodies.vigour == pytest.approx(6.0)  # type: ignore[attr-defined]
     one.simulation.close()

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Protocol 2: binary multipart messages, several apps in one. docs/reference/protocol.md is the
+// Protocol 2: binary multipart messages, several apps in one. app_runtime/server/protocol2.md is the
 // specification.
 #pragma once
 

@@ -152,7 +152,7 @@ def test_the_inverse_model_reaches_what_the_forward_model_predicts(
     """Commands for a velocity that differs little from the one without: within a fifth."""
     now, tip = motion(policy, user, 6), torch.zeros(USERS, 1, 3)
     now = replace(now, drives=0.3 + 0.4 * now.drives)
-    cheap = InverseSettings(velocity_mps=1e-3, effort=0.0, change=1e-4, speed_radps=1e3)
+    cheap = InverseSettings(velocity_mps=1e-3, effort=0.0, change=1e-3, speed_radps=1e3)
     inverse = InverseModel(
         policy.forward_model, -torch.ones(7), torch.ones(7), torch.ones(policy.drives.count), cheap
     )

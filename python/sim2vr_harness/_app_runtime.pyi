@@ -196,4 +196,4 @@ def set_log_level(level: str) -> None:
     """
     'trace', 'debug', 'info', 'warning' (default), 'error' or 'off'.
     """
-__version__: str = '0.2.0'
+__version__: str = '0.3.0'

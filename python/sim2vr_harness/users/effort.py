@@ -94,7 +94,7 @@ class EffortModel(ABC):
             ValueError: the array that the model reads has another shape, or is missing.
         """
         given = {"act": act, "ctrl": ctrl, "force": force}[self.reads]
-        rows = len(range(*ids.indices(self.n)) if isinstance(ids, slice) else ids)
+        rows = len(np.arange(self.n)[ids if isinstance(ids, slice) else np.asarray(ids, int)])
         columns = self.muscle_count if self.reads == "act" else self.actuator_count
         if given is None or np.shape(given) != (rows, columns):
             got = "None" if given is None else f"shape {np.shape(given)}"

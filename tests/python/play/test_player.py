@@ -142,7 +142,7 @@ def test_who_plays_is_found_by_one_name() -> None:
     assert idle.facts(facts) is facts
     steps = SimulatedUser.find("press key").facts(facts).measures
     names = ["steps_done", "steps_failed", "step_time", "step_misses"]
-    assert [measure.name for measure in steps] == names
+    assert [measure.name for measure in steps][:4] == names
     assert SimulatedUser.find("press key").env().config.user.inputs == ("right.trigger",)
     with pytest.raises(InputError, match=r"^--user: got 'touch', expected touch NAME"):
         SimulatedUser.find("touch")

@@ -25,7 +25,6 @@ from sim2vr_harness.base.errors import InputError, UnusableFile
 from sim2vr_harness.base.file_lock import sole_training
 from sim2vr_harness.base.progress import duration
 from sim2vr_harness.base.torch_threads import torch_threads
-from sim2vr_harness.envs import shards
 from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
@@ -277,8 +276,7 @@ def require_memory(config: TrainingConfig) -> None:
 __all__ = ["MakeSimulation", "TrainResult", "make_simulation", "train"]
 
 CHANGEABLE = (
-    *("name", "total_timesteps", "checkpoint", "evaluation", "wandb", "device"),
-    *("env.cores", "env.shards"),
+    *("name", "total_timesteps", "checkpoint", "evaluation", "wandb", "device", "env.cores"),
     *(
         f"env.app.{key}"
         for key in (
@@ -318,7 +316,7 @@ class TrainResult:
 
 def make_simulation(config: TrainingConfig) -> SimulationLike:
     """Make the users and apps of ``config``; the default :data:`MakeSimulation`."""
-    return shards.make_simulation(config.env, config.ppo.n_envs)
+    return Simulation(config.env, config.ppo.n_envs)
 
 
 def train(

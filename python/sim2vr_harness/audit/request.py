@@ -7,7 +7,6 @@ from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.requests import ChangedEnvironment, Expected, TrustedApp, option
-from sim2vr_harness.policies.scripted import is_script
 
 _MOST_PEOPLE = 10_000
 
@@ -86,6 +85,8 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
     @property
     def script(self) -> str | None:
         """What virtual participants do in the app; None: there is no script."""
+        from sim2vr_harness.policies.scripted import is_script
+
         return self.user if self.user and self.operate and is_script(self.user) else None
 
     def check(self) -> None:

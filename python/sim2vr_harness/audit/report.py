@@ -17,7 +17,7 @@ from sim2vr_harness.audit.pacing import MODELS
 from sim2vr_harness.audit.population import FEWEST, MODEL, Subject
 from sim2vr_harness.audit.postures import BALANCE
 from sim2vr_harness.audit.remedies import GOAL
-from sim2vr_harness.audit.summary import CLAUSES, EVERYONE, Audit, plain
+from sim2vr_harness.audit.summary import CARRIED_OUT, CLAUSES, EVERYONE, Audit, plain
 from sim2vr_harness.base.files import naming, write_atomically
 from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.figures.figure import GREY, INK, Figure, Panel
@@ -284,7 +284,7 @@ def _sections(
             (
                 str(each["n"]),
                 str(each["done"]),
-                *("-" if each[key] is None else f"{each[key]:.2f}" for key in _CARRIED),
+                *("-" if each[key] is None else f"{each[key]:.2f}" for key in CARRIED_OUT),
                 ", ".join(f"{why} ({n})" for why, n in each["excluded"].items()) or "-",
             )
             for each in values["carried_out"]
@@ -333,7 +333,6 @@ _ANSWER: tuple[str, ...] = (
     "why not",
     "smallest change that includes 95 %",
 )
-_CARRIED = ("step_time", "step_misses", "steps_failed")
 _SCRIPT = (
     "Virtual participants carry out the script in the app by their muscles, with their own "
     "delays and noise. Values are means of those who did a step; a row is a condition."

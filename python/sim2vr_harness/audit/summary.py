@@ -200,12 +200,15 @@ def plain(audit: Audit) -> dict[str, Any]:
     }
 
 
+CARRIED_OUT = ("step_time", "step_misses", "steps_failed")
+"""Measures of a script in an audit."""
+
+
 def _carried_out(rounds: Sequence[Round], condition: str) -> dict[str, Any]:
     """Return how many persons did a script in a condition, their means, and why others did not."""
     own = [each for each in rounds if each.condition == condition]
     done = [each for each in own if (each.values["steps_done"] or 0.0) > 0.0]
-    names = ("step_time", "step_misses", "steps_failed")
-    means = {name: [each.values[name] for each in done] for name in names}
+    means = {name: [each.values[name] for each in done] for name in CARRIED_OUT}
     return {
         "condition": condition,
         "n": len(own),

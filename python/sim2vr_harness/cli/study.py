@@ -239,10 +239,9 @@ def _value(field: str, text: str) -> Any:
 def _measures(facts: GameFacts, *, scripted: bool) -> list[str]:
     """Return times and errors of the app, else those of a script; score, load and endurance."""
     from sim2vr_harness.play.round import measures_of
-    from sim2vr_harness.play.users import COMFORT_MEASURES, PERSON_MEASURES, STEP_MEASURES
+    from sim2vr_harness.play.users import PERSON_MEASURES, SCRIPT_MEASURES
 
-    scripts = (*STEP_MEASURES, *PERSON_MEASURES, *COMFORT_MEASURES)
-    own = [one for one in facts.scalars if one not in scripts]
+    own = [one for one in facts.scalars if one not in SCRIPT_MEASURES]
     time, misses = ([one.name] if scripted else [] for one in PERSON_MEASURES)
     wanted = [
         *([one.name for one in own if one.unit == "s"] or time),

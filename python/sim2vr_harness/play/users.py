@@ -67,7 +67,8 @@ COMFORT_MEASURES = tuple(
         ("gaze_eccentricity", "Eyes turned", "Between head and object, at the end"),
     )
 )
-"""Of a script that persons carry out, as means over the steps that a person has done in a round."""
+SCRIPT_MEASURES = (*STEP_MEASURES, *PERSON_MEASURES, *COMFORT_MEASURES)
+"""Of a script; all but the first two are means over the steps that a person has done in a round."""
 
 BASELINE_S = 6.0
 """Duration of the idle and of the random baseline, s: a few targets of a game."""
@@ -180,9 +181,7 @@ class SimulatedUser:
         """Return what a game publishes, with the measures of a script if the user follows one."""
         if self.trained is not None or not is_script(self.name):
             return facts
-        return replace(
-            facts, measures=(*facts.measures, *STEP_MEASURES, *PERSON_MEASURES, *COMFORT_MEASURES)
-        )
+        return replace(facts, measures=(*facts.measures, *SCRIPT_MEASURES))
 
     def policy(self, simulation: Any, facts: GameFacts) -> tuple[Policy, int]:
         """Return what acts for the users of a simulation, and the user steps of its training.

@@ -140,9 +140,9 @@ def test_who_plays_is_found_by_one_name() -> None:
     assert idle.trained is None and idle.config.evaluation.episodes == 2
     facts = GameFacts("app")
     assert idle.facts(facts) is facts
-    steps = SimulatedUser.find("press key").facts(facts).measures
     names = ["steps_done", "steps_failed", "step_time", "step_misses"]
-    assert [measure.name for measure in steps][:4] == names
+    names += ["head_flexion", "head_rotation", "gaze_eccentricity"]
+    assert [one.name for one in SimulatedUser.find("press key").facts(facts).measures] == names
     assert SimulatedUser.find("press key").env().config.user.inputs == ("right.trigger",)
     with pytest.raises(InputError, match=r"^--user: got 'touch', expected touch NAME"):
         SimulatedUser.find("touch")

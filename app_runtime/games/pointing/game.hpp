@@ -13,9 +13,9 @@
 
 namespace sim2vr::games::pointing {
 
-// Privileged observations: the numbers behind the picture, as far as the head camera has shown them.
-// Positions are in metres. The target is listed from the first frame in which its centre is in the
-// camera's view.
+// Privileged observations: the numbers behind the picture, as far as the head camera has shown
+// them. Positions are in metres. The target is listed from the first frame in which its centre is
+// in the camera's view.
 // - round.side_m, .height_m, .depth_m, .progress: circle's centre from the head at the start;
 //   proportion of trials done
 // - tip.x_m .., .vx_mps .., .depth_m, .armed: minus head; velocity; behind the plane; whether the

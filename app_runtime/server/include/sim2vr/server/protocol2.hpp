@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Protocol 2: binary multipart messages, several apps in one. app_runtime/server/protocol2.md is the
-// specification.
+// Protocol 2: binary multipart messages, several apps in one. app_runtime/server/protocol2.md is
+// the specification.
 #pragma once
 
 #include <cstdint>

@@ -491,6 +491,7 @@ def test_targets_that_nobody_reaches_or_only_looks_at_are_judged(crowd: Crowd) -
         assert all(np.isnan(minutes).all() for minutes in found.paced.values())
 
 
+@pytest.mark.slow
 def test_higher_moles_tire_more(crowd: Crowd) -> None:
     two, medians = Crowd(crowd.subjects[:2], "seated", NONE), []
     for condition in ("low", "mid", "high"):

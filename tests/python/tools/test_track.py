@@ -227,6 +227,7 @@ def test_a_body_follows_a_circle(tracked: Tracked) -> None:
     assert tracked.outcomes == {}
 
 
+@pytest.mark.slow
 def test_muscles_that_are_planned_do_better_with_less(tmp_path: Path) -> None:
     """A circle of 22 cm in .4 s, at 1.7 m/s: the hand is nearer to the person's, and as fast, and
     muscles work less against each other than the layer's. Cores change no bit."""

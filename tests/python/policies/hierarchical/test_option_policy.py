@@ -108,6 +108,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_it_is_packed_with_its_hands(run: Path, tmp_path: Path) -> None:
     card = pack_measured(
         run, "tiny", tmp_path / "tiny", conditions=["medium"], episodes=2, details={}

@@ -25,6 +25,7 @@ from sim2vr_harness.base.errors import InputError, UnusableFile
 from sim2vr_harness.base.file_lock import sole_training
 from sim2vr_harness.base.progress import duration
 from sim2vr_harness.base.torch_threads import torch_threads
+from sim2vr_harness.envs import shards
 from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
@@ -276,7 +277,8 @@ def require_memory(config: TrainingConfig) -> None:
 __all__ = ["MakeSimulation", "TrainResult", "make_simulation", "train"]
 
 CHANGEABLE = (
-    *("name", "total_timesteps", "checkpoint", "evaluation", "wandb", "device", "env.cores"),
+    *("name", "total_timesteps", "checkpoint", "evaluation", "wandb", "device"),
+    *("env.cores", "env.shards"),
     *(
         f"env.app.{key}"
         for key in (
@@ -316,7 +318,7 @@ class TrainResult:
 
 def make_simulation(config: TrainingConfig) -> SimulationLike:
     """Make the users and apps of ``config``; the default :data:`MakeSimulation`."""
-    return Simulation(config.env, config.ppo.n_envs)
+    return shards.make_simulation(config.env, config.ppo.n_envs)
 
 
 def train(

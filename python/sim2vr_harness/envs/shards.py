@@ -1,0 +1,402 @@
+"""Users divided among worker processes, which play their shares at the same time.
+
+Actions, results and observations lie in memory that all of them share. In a step, every worker is
+woken by one message and answers by one, in which nothing is pickled unless an episode has ended.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import pickle
+import socket
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import replace
+from itertools import pairwise
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from sim2vr_harness.base.cores import budget
+from sim2vr_harness.base.signals import interrupts_deferred
+from sim2vr_harness.client import AppProcess, OptionValue, load_game_library
+from sim2vr_harness.client.games import loaded_game_libraries
+from sim2vr_harness.client.in_process import LogRows
+from sim2vr_harness.client.process import end_words
+from sim2vr_harness.client.temporary import FOLDER_VARIABLE
+from sim2vr_harness.envs.app_group import AppFailure
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.resolved import ResolvedEnv
+from sim2vr_harness.envs.simulation import BaseSimulation, Observation, Simulation, StepBatch
+from sim2vr_harness.perception import SENSES
+from sim2vr_harness.users.batch import checked_action
+
+_RESULTS = ("reward", "terminated", "truncated", "game_reward", "effort_cost", "answered")
+"""Fields of `StepBatch` that are shared."""
+_STEP = b"one step"  # of eight bytes, so that the numbers behind it are aligned
+_CLOSE = b"close"
+_ALIGNED = 64
+_GRACE_S = 5.0
+
+
+def make_simulation(
+    env: EnvConfig | ResolvedEnv, n: int, *, log_dir: Path | None = None
+) -> BaseSimulation:
+    """Return N users in their apps, divided among processes as ``env.shards`` says.
+
+    Args:
+        log_dir: root of the apps' episode logs, for which one process plays all users; or None.
+    """
+    resolved = ResolvedEnv.of(env)
+    config = resolved.config
+    few = min(budget(config.cores) // 4, n // 8)
+    count = few if config.shards == "auto" else min(config.shards, n)
+    if count > 1 and log_dir is None and config.app.connect is None:
+        return ShardedSimulation(resolved, n, count)
+    return Simulation(resolved, n, log_dir=log_dir)
+
+
+@contextmanager
+def in_this_process(simulation: Any) -> Iterator[Any]:
+    """Give a simulation whose bodies and apps can be read: this one, or another of as many users.
+
+    Either is to be reset before the next step.
+    """
+    if not isinstance(simulation, ShardedSimulation):
+        yield simulation
+        return
+    with closing(Simulation(simulation.resolved, simulation.n)) as other:
+        yield other
+
+
+class ShardedSimulation(BaseSimulation):
+    """N users divided among processes, with the interface and the bits of :class:`Simulation`.
+
+    Bodies and apps are out of reach; where they are needed, ``env.shards`` has to be 1. The end of
+    a worker ends the simulation, and the end of this process ends the workers.
+
+    Args:
+        config: user, app and perception.
+        n: number of users N.
+        shards: number of processes, at most N.
+
+    Raises:
+        ValueError: a setting that cannot be used; names it, what was got and what was expected.
+        RuntimeError: an app or its renderer cannot be started.
+    """
+
+    def __init__(
+        self, config: EnvConfig | ResolvedEnv, n: int, shards: int, make_app: None = None
+    ) -> None:
+        super().__init__(config, n)
+        self.observation_space = self.resolved.observation_space
+        self._workers: list[_Worker] = []
+        memory = os.memfd_create("sim2vr-shards")
+        size = self.action_space.shape[0]
+        self._shared = _Shared(n, size, self.observation_space, memory)
+        cores, rest = divmod(budget(self.config.cores), shards)
+        bounds = np.linspace(0, n, shards + 1).astype(int).tolist()
+        try:
+            for k, (first, end) in enumerate(pairwise(bounds)):
+                app, own = self.config.app, max(1, cores + (k < rest))
+                if app.processes:
+                    app = app.model_copy(update={"processes": max(1, app.processes // shards)})
+                mine = self.config.model_copy(update={"app": app, "cores": own})
+                users = slice(first, end)
+                start = mine, n, users, loaded_game_libraries()
+                self._workers.append(_Worker(self._shared, users, start))
+            self._call(dict.fromkeys(range(shards)))
+        except BaseException:
+            self.close()
+            raise
+        finally:
+            os.close(memory)
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(
+            f"{name}: the users' bodies and apps are in other processes, expected env.shards=1"
+        )
+
+    # --- what all simulations do ---------------------------------------------------------------
+
+    def _reset(
+        self,
+        rows: Sequence[int],
+        seeds: Sequence[int | None],
+        options: Mapping[str, OptionValue],
+        postures: Sequence[NDArray[np.float64] | None] | None,
+        persons: Sequence[int | None] | None,
+    ) -> list[dict[str, Any]]:
+        calls, places = {}, {}
+        for k, worker in enumerate(self._workers):
+            first, end = worker.users.start, worker.users.stop
+            own = places[k] = [j for j, i in enumerate(rows) if first <= i < end]
+            if own:
+                calls[k] = (
+                    "reset",
+                    (
+                        [rows[j] - first for j in own],
+                        [seeds[j] for j in own],
+                        options,
+                        None if postures is None else [postures[j] for j in own],
+                        None if persons is None else [persons[j] for j in own],
+                    ),
+                )
+        infos: list[dict[str, Any]] = [{} for _ in rows]
+        for k, found in self._call(calls).items():
+            for j, info in zip(places[k], found, strict=True):
+                infos[j] = info
+        return infos
+
+    def _step(self, actions: ArrayLike, active: NDArray[np.bool_]) -> StepBatch:
+        shared = self._shared
+        shared["actions"][...] = checked_action(actions, self.n, self.actions.names)
+        shared["active"][...] = active
+        ends: dict[int, dict[str, Any]] = {}
+        for k, found in self._call(dict.fromkeys(range(len(self._workers)), _STEP)).items():
+            if found:
+                ends |= {i + self._workers[k].users.start: end for i, end in found.items()}
+        results = {name: shared[name].copy() for name in _RESULTS}
+        return StepBatch(**results, logs=self.logs, ends=ends)
+
+    def observation(self) -> Observation:
+        # In the order of the senses, which a space does not keep.
+        names = [sense.name or SENSES[sense.sense].key for sense in self.config.senses]
+        return {name: self._shared[f"sees {name}"].copy() for name in names}
+
+    @property
+    def logs(self) -> LogRows:
+        """The games' named numbers now."""
+        found = [worker.logs for worker in self._workers]
+        if all(log.names == found[0].names for log in found):
+            return LogRows(found[0].names, np.concatenate([log.rows for log in found]))
+        return LogRows.of([log[i] for log in found for i in range(len(log.rows))])
+
+    def user_states(self) -> list[bytes]:
+        return [state for found in self._call_all("user_states") for state in found]
+
+    def load_user_states(self, states: Sequence[bytes]) -> list[int]:
+        own = [worker.users for worker in self._workers]
+        calls = {k: ("load_user_states", (states[users],)) for k, users in enumerate(own)}
+        return [i + own[k].start for k, anew in self._call(calls).items() for i in anew]
+
+    @property
+    def exact_states(self) -> bool:
+        """Return whether :meth:`state_dict` includes the episodes."""
+        return all(self._call_all("exact_states"))
+
+    @property
+    def app_failures(self) -> list[AppFailure]:
+        """Every app that failed so far, shard by shard, the oldest first."""
+        return [
+            replace(failure, user=failure.user + worker.users.start)
+            for worker, found in zip(self._workers, self._call_all("app_failures"), strict=True)
+            for failure in found
+        ]
+
+    @property
+    def renderer_description(self) -> str:
+        """The GL renderer that draws the headset images."""
+        return str(self._call({0: ("renderer_description", ())})[0])
+
+    @property
+    def begun(self) -> bool:
+        return all(self._call_all("begun"))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return super().__getstate__() | {"shards": len(self._workers)}
+
+    def __setstate__(self, made: dict[str, Any]) -> None:
+        self.__init__(made["config"], made["n"], made["shards"])  # type: ignore[misc]
+        if made["state"] is not None:
+            self.load_state_dict(made["state"])
+
+    def close(self) -> None:
+        self._closed = True
+        for worker in self._workers:
+            worker.close()
+        for worker in self._workers:
+            worker.process.stop(_GRACE_S)
+
+    # --- conversation ----------------------------------------------------------------------------
+
+    def _call_all(self, name: str) -> list[Any]:
+        """Return what a method or an attribute of every worker's simulation gives."""
+        return list(self._call({k: (name, ()) for k in range(len(self._workers))}).values())
+
+    def _call(self, calls: Mapping[int, Any]) -> dict[int, Any]:
+        """Let workers do something at the same time; return their answers.
+
+        Args:
+            calls: worker -> name and arguments, :data:`_STEP`, or None to wait for its start.
+
+        Raises:
+            RuntimeError: a worker has ended.
+            Exception: the first error of a worker, after all have answered.
+        """
+        k, answers, errors = 0, {}, []
+        try:
+            with interrupts_deferred():
+                for k, call in calls.items():
+                    if call is not None:
+                        self._workers[k].send(call)
+                for k in calls:
+                    answers[k], error = self._workers[k].answer()
+                    errors += [] if error is None else [error]
+        except (EOFError, OSError):
+            process, users = self._workers[k].process, self._workers[k].users
+            process.wait(_GRACE_S)
+            ended, tail = end_words(process.exit_status), process.log_tail(3)
+            self.close()
+            raise RuntimeError(
+                f"shard {k + 1} of {len(self._workers)} (users {users.start} to {users.stop - 1}, "
+                f"process {process.pid}) {ended}{f': {tail}' if tail else ''}; the simulation is "
+                "closed"
+            ) from None
+        self._over[...] = self._shared["over"]
+        if errors:
+            raise errors[0]
+        return answers
+
+
+class _Worker:
+    """A process that plays some of the users, as seen by the one that it plays for.
+
+    Args:
+        users: the share.
+        start: what :func:`serve` receives.
+    """
+
+    def __init__(self, shared: _Shared, users: slice, start: Any) -> None:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            self._pipe = Connection(ours.detach())
+            inherited = (theirs.fileno(), shared.descriptor)
+            code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; "
+            self.process = AppProcess(
+                [sys.executable, "-c", f"{code}serve{inherited}"], inherited=inherited
+            )
+        self.users = users
+        self.logs = LogRows([], np.zeros((users.stop - users.start, 0)))
+        self._pipe.send(start)
+
+    def send(self, call: Any) -> None:
+        """Send a call, which :meth:`answer` answers."""
+        self._pipe.send_bytes(call if call is _STEP else pickle.dumps(call))
+
+    def answer(self) -> tuple[Any, Exception | None]:
+        """Wait for an answer; return it, and the error that there was in its place."""
+        given = self._pipe.recv_bytes()
+        if not given.startswith(_STEP):
+            value, error, names, rows = pickle.loads(given)
+            self.logs = LogRows(names, rows)
+            return value, error
+        rows = np.frombuffer(given, np.float64, offset=len(_STEP))
+        self.logs = LogRows(self.logs.names, rows.reshape(self.logs.rows.shape))
+        return None, None
+
+    def close(self) -> None:
+        """Let it end when it has nothing to do; idempotent."""
+        with suppress(OSError):
+            self._pipe.send_bytes(_CLOSE)
+        self._pipe.close()
+
+
+class _Shared:
+    """Arrays of N users in a file without a name, which vanishes with the last process.
+
+    Args:
+        n: number of users N.
+        actions: number of actions.
+        space: observation space of a user.
+        descriptor: of the file.
+    """
+
+    def __init__(self, n: int, actions: int, space: Any, descriptor: int) -> None:
+        fields: dict[str, tuple[tuple[int, ...], DTypeLike]] = {
+            "actions": ((n, actions), np.float64),
+            **dict.fromkeys(("reward", "game_reward", "effort_cost"), ((n,), np.float64)),
+            **dict.fromkeys(
+                ("active", "over", "terminated", "truncated", "answered"), ((n,), bool)
+            ),
+            **{f"sees {name}": ((n, *box.shape), box.dtype) for name, box in space.items()},
+        }
+        offset, places = 0, {}
+        for name, (shape, dtype) in fields.items():
+            places[name] = offset
+            offset += -(-int(np.prod(shape)) * np.dtype(dtype).itemsize // _ALIGNED) * _ALIGNED
+        os.ftruncate(descriptor, offset)
+        memory = mmap.mmap(descriptor, offset)
+        self.descriptor = descriptor
+        self._arrays: dict[str, NDArray[Any]] = {
+            name: np.ndarray(shape, dtype, memory, places[name])
+            for name, (shape, dtype) in fields.items()
+        }
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self._arrays[name]
+
+
+# --- in a worker ------------------------------------------------------------------------------
+
+
+def serve(pipe_descriptor: int, memory_descriptor: int) -> None:
+    """Play a share of users until the other side closes the connection."""
+    # Its apps and their watcher are this process's, and end by themselves after it.
+    os.environ.pop(FOLDER_VARIABLE, None)
+    pipe = Connection(pipe_descriptor)
+    config, n, users, libraries = pipe.recv()
+    try:
+        for file in libraries:
+            load_game_library(file)
+        simulation = Simulation(config, users.stop - users.start)
+    except Exception as error:
+        pipe.send((None, _sendable(error), [], np.zeros((users.stop - users.start, 0))))
+        os._exit(0)
+    size = simulation.action_space.shape[0]
+    shared = _Shared(n, size, simulation.observation_space, memory_descriptor)
+    names: Sequence[str] | None = None
+    call: Any = pickle.dumps(("exact_states", ()))
+    with suppress(EOFError, OSError):
+        while call != _CLOSE:
+            value: Any = None
+            failure: Exception | None = None
+            try:
+                if call == _STEP:
+                    resting = np.flatnonzero(~shared["active"][users])
+                    batch = simulation.step(shared["actions"][users], resting)
+                    for name in _RESULTS:
+                        shared[name][users] = getattr(batch, name)
+                    value = batch.ends or None
+                else:
+                    name, arguments = pickle.loads(call)
+                    found = getattr(simulation, name)
+                    value = found(*arguments) if callable(found) else found
+            except Exception as error:
+                failure = _sendable(error)
+            for name, rows in simulation.observation().items():
+                shared[f"sees {name}"][users] = rows
+            shared["over"][users] = simulation.over
+            logs = simulation.logs
+            if value is None and failure is None and logs.names == names:
+                pipe.send_bytes(_STEP + logs.rows.tobytes())
+            else:
+                names = logs.names
+                pipe.send((value, failure, names, logs.rows))
+            call = pipe.recv_bytes()
+    simulation.close()
+    os._exit(0)  # threads of renderers are not waited for
+
+
+def _sendable(error: Exception) -> Exception:
+    """Return an error, or its words where it cannot be pickled."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error

@@ -2,19 +2,24 @@
 
 Actions, results and observations lie in memory that all of them share. In a step, every worker is
 woken by one message and answers by one, in which nothing is pickled unless an episode has ended.
+Workers are forks of one process, which loads packages and the body for all of them.
 """
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import mmap
 import os
 import pickle
+import re
+import signal
 import socket
 import sys
+import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
-from itertools import pairwise
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -42,6 +47,7 @@ _STEP = b"one step"  # of eight bytes, so that the numbers behind it are aligned
 _CLOSE = b"close"
 _ALIGNED = 64
 _GRACE_S = 5.0
+_PR_SET_PDEATHSIG = 1
 
 
 def make_simulation(
@@ -95,22 +101,31 @@ class ShardedSimulation(BaseSimulation):
     ) -> None:
         super().__init__(config, n)
         self.observation_space = self.resolved.observation_space
+        self._process: AppProcess | None = None
         self._workers: list[_Worker] = []
         memory = os.memfd_create("sim2vr-shards")
         size = self.action_space.shape[0]
         self._shared = _Shared(n, size, self.observation_space, memory)
         cores, rest = divmod(budget(self.config.cores), shards)
         bounds = np.linspace(0, n, shards + 1).astype(int).tolist()
+        pairs = [socket.socketpair() for _ in range(shards)]
+        shares = []
+        for k, (ours, _) in enumerate(pairs):
+            app, own = self.config.app, max(1, cores + (k < rest))
+            if app.processes:
+                app = app.model_copy(update={"processes": max(1, app.processes // shards)})
+            shares.append((slice(bounds[k], bounds[k + 1]), {"app": app, "cores": own}))
+            self._workers.append(_Worker(Connection(ours.detach()), shares[k][0]))
+        inherited = (memory, *(theirs.fileno() for _, theirs in pairs))
+        code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; "
         try:
-            for k, (first, end) in enumerate(pairwise(bounds)):
-                app, own = self.config.app, max(1, cores + (k < rest))
-                if app.processes:
-                    app = app.model_copy(update={"processes": max(1, app.processes // shards)})
-                mine = self.config.model_copy(update={"app": app, "cores": own})
-                users = slice(first, end)
-                start = mine, n, users, loaded_game_libraries()
-                self._workers.append(_Worker(self._shared, users, start))
-            self._call(dict.fromkeys(range(shards)))
+            self._process = AppProcess(
+                [sys.executable, "-c", f"{code}serve{inherited}"], inherited=inherited
+            )
+            for _, theirs in pairs:
+                theirs.close()
+            self._call({0: (self.resolved, n, shares, loaded_game_libraries())})
+            self._call(dict.fromkeys(range(1, shards)))
         except BaseException:
             self.close()
             raise
@@ -220,8 +235,8 @@ class ShardedSimulation(BaseSimulation):
         self._closed = True
         for worker in self._workers:
             worker.close()
-        for worker in self._workers:
-            worker.process.stop(_GRACE_S)
+        if self._process is not None:
+            self._process.stop(_GRACE_S)
 
     # --- conversation ----------------------------------------------------------------------------
 
@@ -249,14 +264,14 @@ class ShardedSimulation(BaseSimulation):
                     answers[k], error = self._workers[k].answer()
                     errors += [] if error is None else [error]
         except (EOFError, OSError):
-            process, users = self._workers[k].process, self._workers[k].users
+            process, users = self._process, self._workers[k].users
+            assert process is not None
             process.wait(_GRACE_S)
-            ended, tail = end_words(process.exit_status), process.log_tail(3)
+            tail = process.log_tail(3) or f"process {process.pid} {end_words(process.exit_status)}"
             self.close()
             raise RuntimeError(
-                f"shard {k + 1} of {len(self._workers)} (users {users.start} to {users.stop - 1}, "
-                f"process {process.pid}) {ended}{f': {tail}' if tail else ''}; the simulation is "
-                "closed"
+                f"shard {k + 1} of {len(self._workers)} (users {users.start} to {users.stop - 1}): "
+                f"{tail}; the simulation is closed"
             ) from None
         self._over[...] = self._shared["over"]
         if errors:
@@ -268,22 +283,13 @@ class _Worker:
     """A process that plays some of the users, as seen by the one that it plays for.
 
     Args:
+        pipe: to the process.
         users: the share.
-        start: what :func:`serve` receives.
     """
 
-    def __init__(self, shared: _Shared, users: slice, start: Any) -> None:
-        ours, theirs = socket.socketpair()
-        with theirs:
-            self._pipe = Connection(ours.detach())
-            inherited = (theirs.fileno(), shared.descriptor)
-            code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; "
-            self.process = AppProcess(
-                [sys.executable, "-c", f"{code}serve{inherited}"], inherited=inherited
-            )
-        self.users = users
+    def __init__(self, pipe: Connection, users: slice) -> None:
+        self._pipe, self.users = pipe, users
         self.logs = LogRows([], np.zeros((users.stop - users.start, 0)))
-        self._pipe.send(start)
 
     def send(self, call: Any) -> None:
         """Send a call, which :meth:`answer` answers."""
@@ -345,21 +351,47 @@ class _Shared:
 # --- in a worker ------------------------------------------------------------------------------
 
 
-def serve(pipe_descriptor: int, memory_descriptor: int) -> None:
-    """Play a share of users until the other side closes the connection."""
-    # Its apps and their watcher are this process's, and end by themselves after it.
+def serve(memory: int, *descriptors: int) -> None:
+    """Fork a worker for each pipe; end with a line about the first that does not end well."""
+    # Its apps and their watcher are a worker's own, and end by themselves after it.
     os.environ.pop(FOLDER_VARIABLE, None)
-    pipe = Connection(pipe_descriptor)
-    config, n, users, libraries = pipe.recv()
+    pipes = [Connection(descriptor) for descriptor in descriptors]
+    resolved, n, shares, libraries = pipes[0].recv()
+    for file in libraries:
+        load_game_library(file)
+    _ = resolved.body
+    gc.freeze()
+    for pipe, (users, settings) in zip(pipes, shares, strict=True):
+        if os.fork() == 0:
+            try:
+                ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+                for other in pipes:
+                    if other is not pipe:
+                        other.close()
+                _play(memory, pipe, resolved.changed(**settings), n, users)
+            except BaseException:
+                traceback.print_exc()
+            os._exit(1)  # without the clean-up of the process that it was forked from
+    for pipe in pipes:
+        pipe.close()
+    for _ in pipes:
+        pid, status = os.wait()
+        if status:
+            ended = end_words(os.waitstatus_to_exitcode(status))
+            sys.stderr.write(f"process {pid} {ended}\n")
+            os._exit(1)
+    os._exit(0)
+
+
+def _play(memory: int, pipe: Connection, config: ResolvedEnv, n: int, users: slice) -> None:
+    """Play a share of ``n`` users until the other side closes the connection."""
     try:
-        for file in libraries:
-            load_game_library(file)
         simulation = Simulation(config, users.stop - users.start)
     except Exception as error:
-        pipe.send((None, _sendable(error), [], np.zeros((users.stop - users.start, 0))))
+        pipe.send((None, _sendable(error, users), [], np.zeros((users.stop - users.start, 0))))
         os._exit(0)
     size = simulation.action_space.shape[0]
-    shared = _Shared(n, size, simulation.observation_space, memory_descriptor)
+    shared = _Shared(n, size, simulation.observation_space, memory)
     names: Sequence[str] | None = None
     call: Any = pickle.dumps(("exact_states", ()))
     with suppress(EOFError, OSError):
@@ -378,7 +410,7 @@ def serve(pipe_descriptor: int, memory_descriptor: int) -> None:
                     found = getattr(simulation, name)
                     value = found(*arguments) if callable(found) else found
             except Exception as error:
-                failure = _sendable(error)
+                failure = _sendable(error, users)
             for name, rows in simulation.observation().items():
                 shared[f"sees {name}"][users] = rows
             shared["over"][users] = simulation.over
@@ -393,10 +425,13 @@ def serve(pipe_descriptor: int, memory_descriptor: int) -> None:
     os._exit(0)  # threads of renderers are not waited for
 
 
-def _sendable(error: Exception) -> Exception:
-    """Return an error, or its words where it cannot be pickled."""
+def _sendable(error: Exception, users: slice) -> Exception:
+    """Return an error with its user's number among all, as words where it cannot be pickled."""
+    words = re.sub(r"^(user|app) (\d+)", lambda m: f"{m[1]} {int(m[2]) + users.start}", str(error))
     try:
+        if words != str(error):
+            error = type(error)(words)
         pickle.loads(pickle.dumps(error))
     except Exception:
-        return RuntimeError(f"{type(error).__name__}: {error}")
+        return RuntimeError(f"{type(error).__name__}: {words}")
     return error

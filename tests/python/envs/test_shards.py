@@ -120,9 +120,9 @@ def test_the_end_of_a_worker_ends_the_simulation() -> None:
     users = ShardedSimulation(config("protocol 2"), N, 2)
     users.reset()
     started = [pid for pid in descendants(os.getpid()) if pid not in before]
-    worker = next(pid for pid in started if name_of(pid).startswith("python"))
+    *_, worker = (pid for pid in started if name_of(pid).startswith("python"))
     os.kill(worker, signal.SIGKILL)
-    words = rf"shard \d of 2 \(users \d to \d, process {worker}\) was killed \(SIGKILL\)"
+    words = rf"shard 2 of 2 \(users 2 to 4\): process {worker} was killed \(SIGKILL\)"
     with pytest.raises(RuntimeError, match=words):
         users.step(actions(0))
     assert until(lambda: not running(started), 10.0)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.envs.simulation import BaseSimulation
+from sim2vr_harness.envs.simulation import Simulation
 
 RENDER_MODES: tuple[str, ...] = ("rgb_array", "headset", "body")
 """``rgb_array``: the game and the user's hand from outside."""
@@ -20,8 +20,8 @@ class Views:
         simulation: of the users; stays the caller's.
     """
 
-    def __init__(self, simulation: BaseSimulation) -> None:
-        self._simulation: Any = simulation
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
         self._body_renderer: Any = None
 
     def draw(self, mode: str, i: int) -> NDArray[np.uint8]:

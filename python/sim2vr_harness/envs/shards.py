@@ -37,7 +37,7 @@ from sim2vr_harness.client.temporary import FOLDER_VARIABLE
 from sim2vr_harness.envs.app_group import AppFailure
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
-from sim2vr_harness.envs.simulation import BaseSimulation, Observation, Simulation, StepBatch
+from sim2vr_harness.envs.simulation import Observation, Simulation, StepBatch
 from sim2vr_harness.perception import SENSES
 from sim2vr_harness.users.batch import checked_action
 
@@ -52,7 +52,7 @@ _PR_SET_PDEATHSIG = 1
 
 def make_simulation(
     env: EnvConfig | ResolvedEnv, n: int, *, log_dir: Path | None = None
-) -> BaseSimulation:
+) -> Simulation:
     """Return N users in their apps, divided among processes as ``env.shards`` says.
 
     Args:
@@ -80,8 +80,8 @@ def in_this_process(simulation: Any) -> Iterator[Any]:
         yield other
 
 
-class ShardedSimulation(BaseSimulation):
-    """N users divided among processes, with the interface and the bits of :class:`Simulation`.
+class ShardedSimulation(Simulation):
+    """N users divided among processes, with the bits of a simulation in one.
 
     Bodies and apps are out of reach; where they are needed, ``env.shards`` has to be 1. The end of
     a worker ends the simulation, and the end of this process ends the workers.
@@ -96,16 +96,18 @@ class ShardedSimulation(BaseSimulation):
         RuntimeError: an app or its renderer cannot be started.
     """
 
-    def __init__(
-        self, config: EnvConfig | ResolvedEnv, n: int, shards: int, make_app: None = None
-    ) -> None:
-        super().__init__(config, n)
-        self.observation_space = self.resolved.observation_space
+    def __init__(self, config: EnvConfig | ResolvedEnv, n: int, shards: int) -> None:
         self._process: AppProcess | None = None
         self._workers: list[_Worker] = []
+        self._shards = shards
+        super().__init__(config, n)
+
+    def _open(self, log_dir: Path | None) -> None:
+        n, shards = self.n, self._shards
+        self.observation_space = self.resolved.observation_space
         memory = os.memfd_create("sim2vr-shards")
         size = self.action_space.shape[0]
-        self._shared = _Shared(n, size, self.observation_space, memory)
+        self._shared = _shared_arrays(n, size, self.observation_space, memory)
         cores, rest = divmod(budget(self.config.cores), shards)
         bounds = np.linspace(0, n, shards + 1).astype(int).tolist()
         pairs = [socket.socketpair() for _ in range(shards)]
@@ -150,18 +152,14 @@ class ShardedSimulation(BaseSimulation):
         calls, places = {}, {}
         for k, worker in enumerate(self._workers):
             first, end = worker.users.start, worker.users.stop
-            own = places[k] = [j for j, i in enumerate(rows) if first <= i < end]
+            places[k] = own = [j for j, i in enumerate(rows) if first <= i < end]
+            given = [
+                None if each is None else [each[j] for j in own]
+                for each in (seeds, postures, persons)
+            ]
             if own:
-                calls[k] = (
-                    "reset",
-                    (
-                        [rows[j] - first for j in own],
-                        [seeds[j] for j in own],
-                        options,
-                        None if postures is None else [postures[j] for j in own],
-                        None if persons is None else [persons[j] for j in own],
-                    ),
-                )
+                users = [rows[j] - first for j in own]
+                calls[k] = ("reset", (users, given[0], options, *given[1:]))
         infos: list[dict[str, Any]] = [{} for _ in rows]
         for k, found in self._call(calls).items():
             for j, info in zip(places[k], found, strict=True):
@@ -313,39 +311,30 @@ class _Worker:
         self._pipe.close()
 
 
-class _Shared:
-    """Arrays of N users in a file without a name, which vanishes with the last process.
+def _shared_arrays(n: int, actions: int, space: Any, file: int) -> dict[str, NDArray[Any]]:
+    """Return arrays of N users in a file without a name, which vanishes with the last process.
 
     Args:
         n: number of users N.
         actions: number of actions.
         space: observation space of a user.
-        descriptor: of the file.
+        file: its descriptor.
     """
-
-    def __init__(self, n: int, actions: int, space: Any, descriptor: int) -> None:
-        fields: dict[str, tuple[tuple[int, ...], DTypeLike]] = {
-            "actions": ((n, actions), np.float64),
-            **dict.fromkeys(("reward", "game_reward", "effort_cost"), ((n,), np.float64)),
-            **dict.fromkeys(
-                ("active", "over", "terminated", "truncated", "answered"), ((n,), bool)
-            ),
-            **{f"sees {name}": ((n, *box.shape), box.dtype) for name, box in space.items()},
-        }
-        offset, places = 0, {}
-        for name, (shape, dtype) in fields.items():
-            places[name] = offset
-            offset += -(-int(np.prod(shape)) * np.dtype(dtype).itemsize // _ALIGNED) * _ALIGNED
-        os.ftruncate(descriptor, offset)
-        memory = mmap.mmap(descriptor, offset)
-        self.descriptor = descriptor
-        self._arrays: dict[str, NDArray[Any]] = {
-            name: np.ndarray(shape, dtype, memory, places[name])
-            for name, (shape, dtype) in fields.items()
-        }
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        return self._arrays[name]
+    flags = ("active", "over", "terminated", "truncated", "answered")
+    fields: dict[str, tuple[tuple[int, ...], DTypeLike]] = {
+        "actions": ((n, actions), np.float64),
+        **dict.fromkeys(("reward", "game_reward", "effort_cost"), ((n,), np.float64)),
+        **dict.fromkeys(flags, ((n,), bool)),
+        **{f"sees {name}": ((n, *box.shape), box.dtype) for name, box in space.items()},
+    }
+    sizes = [int(np.prod(shape)) * np.dtype(dtype).itemsize for shape, dtype in fields.values()]
+    ends = np.cumsum([-(-size // _ALIGNED) * _ALIGNED for size in sizes]).tolist()
+    os.ftruncate(file, ends[-1])
+    memory = mmap.mmap(file, ends[-1])
+    return {
+        name: np.ndarray(shape, dtype, memory, place)
+        for (name, (shape, dtype)), place in zip(fields.items(), [0, *ends], strict=False)
+    }
 
 
 # --- in a worker ------------------------------------------------------------------------------
@@ -391,7 +380,7 @@ def _play(memory: int, pipe: Connection, config: ResolvedEnv, n: int, users: sli
         pipe.send((None, _sendable(error, users), [], np.zeros((users.stop - users.start, 0))))
         os._exit(0)
     size = simulation.action_space.shape[0]
-    shared = _Shared(n, size, simulation.observation_space, memory)
+    shared = _shared_arrays(n, size, simulation.observation_space, memory)
     names: Sequence[str] | None = None
     call: Any = pickle.dumps(("exact_states", ()))
     with suppress(EOFError, OSError):

@@ -19,12 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import reason
-from sim2vr_harness.client import (
-    AppClient,
-    DevicePoses,
-    OptionValue,
-    frame_times_ns,
-)
+from sim2vr_harness.client import AppClient, DevicePoses, OptionValue, frame_times_ns
 from sim2vr_harness.client.devices import input_named
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.client.in_process import LogRows
@@ -38,10 +33,7 @@ from sim2vr_harness.envs.checks import (
     checked_users,
     chosen_persons,
 )
-from sim2vr_harness.envs.config import (
-    EnvConfig,
-    motor_noise,
-)
+from sim2vr_harness.envs.config import EnvConfig, motor_noise
 from sim2vr_harness.envs.late_hands import LateHands, app_options
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
@@ -167,21 +159,41 @@ Observation = dict[str, NDArray[Any]]
 IntArray = NDArray[np.int64]
 
 
-class BaseSimulation:
-    """N users playing in N apps: what does not depend on the process that plays them.
+class Simulation:
+    """N users playing in N apps, without automatic reset.
+
+    One user step: muscle control -> MuJoCo substeps -> device poses at the end of the step -> one
+    app frame (collisions, game, reward, image) -> effort subtracted -> observation. With
+    ``frames_per_step`` K the app gets the poses of K moments, evenly spread over the step, in one
+    exchange, runs a frame for each and draws the last, or the one that a delayed sight asks for.
+    An episode depends on its seed and actions only, not on N, the position in the batch or the
+    threads.
+
+    Simulations can be pickled and copied, by way of :meth:`state_dict`: the copy goes on in apps
+    of its own, as exactly as these save their rounds. It writes no episode logs.
+
+    An app outside this process may fail. Its user's episode is truncated there (``app_failed``),
+    the others go on, and the user's next reset starts another app.
 
     Args:
         config: user, app and perception.
+        log_dir: root of the apps' episode logs, or None.
         make_app: how to get the app of each user; None goes by ``config.app.transport``.
 
     Raises:
         ValueError: a setting that cannot be used; names it, what was got and what was expected.
+        RuntimeError: the app or its renderer cannot be started.
     """
 
     observation_space: spaces.Dict
 
     def __init__(
-        self, config: EnvConfig | ResolvedEnv, n: int, make_app: AppFactory | None = None
+        self,
+        config: EnvConfig | ResolvedEnv,
+        n: int = 1,
+        *,
+        log_dir: Path | None = None,
+        make_app: AppFactory | None = None,
     ) -> None:
         self.n, self._make_app, self._closed = n, make_app, False
         self.resolved = ResolvedEnv.of(config)
@@ -199,6 +211,44 @@ class BaseSimulation:
         seconds = self.config.max_episode_seconds
         self.max_steps = max(1, round(seconds * self.config.action_frequency_hz))
         self._over = np.ones(n, dtype=bool)
+        self._open(log_dir)
+
+    def _open(self, log_dir: Path | None) -> None:
+        """Make bodies, apps and senses."""
+        config, user, n = self.config, self.config.user, self.n
+        substeps = checked_substeps(config, self.body.timestep)
+        self.users = UserBatch(
+            self.body,
+            n,
+            threads=budget(config.cores),
+            effort=user.effort.model,
+            effort_params=user.effort.options(),
+            noise=motor_noise(user.noise),
+            substeps=substeps,
+            people=self.people,
+            cut=self.resolved.body_for,
+            head=user.head,
+        )
+        perception = make_perception(
+            config, n, self.proprioception, substeps, len(self.actions.names), self.users.who
+        )
+        self.observation_space = perception.space
+        self._group = app_group(config, n, log_dir, self._make_app, self.body.ipd_m)
+        self._mirrored = self._both_hands(self._group)
+        self._group = self._mirrored or self._group
+        try:
+            if config.user.inputs:
+                for app in self.apps:
+                    app.require("inputs")
+            self._senses = Senses(perception, self.users, self._group, self.actions)
+            self._apps = AppSteps(config, self.users, self._group, self.actions, self.max_steps)
+        except BaseException:
+            self._group.close()
+            raise
+        if self._apps.late_hands.frames:
+            self.watch(self._apps.late_hands)
+        self._seeds = [np.random.default_rng() for _ in range(n)]
+        self._steps = np.zeros(n, dtype=np.int64)
 
     @property
     def resting_action(self) -> NDArray[np.float32]:
@@ -253,16 +303,6 @@ class BaseSimulation:
             self.resolved.require_worn(str(options[self._hand_option]))
         return self._reset(rows, given, options, postures, persons)
 
-    def _reset(
-        self,
-        rows: Sequence[int],
-        seeds: Sequence[int | None],
-        options: Mapping[str, OptionValue],
-        postures: Sequence[NDArray[np.float64] | None] | None,
-        persons: Sequence[int | None] | None,
-    ) -> list[dict[str, Any]]:
-        raise NotImplementedError
-
     def step(self, actions: ArrayLike, resting: Sequence[int] | IntArray = ()) -> StepBatch:
         """Advance every user and app by one user step.
 
@@ -289,9 +329,6 @@ class BaseSimulation:
             raise ValueError(f"resting: got users {wrong}, expected only ones that are over")
         return self._step(actions, active)
 
-    def _step(self, actions: ArrayLike, active: NDArray[np.bool_]) -> StepBatch:
-        raise NotImplementedError
-
     def renew(self, outcome: StepBatch) -> list[int]:
         """Start new episodes for users without one after a step; returns which."""
         ended = np.flatnonzero(outcome.over).tolist()
@@ -311,23 +348,6 @@ class BaseSimulation:
         self._require_open()
         return packed(self.user_states())
 
-    def observation(self) -> Observation:
-        """The present observation of all users: fresh arrays, first axis N.
-
-        An entry per sense of ``config.senses``; by default ``vision`` (N, C, H, W) uint8,
-        ``proprioception`` (N, P) float32, ``stateful_information`` (N, 1) float32 (the game's
-        time feature).
-        """
-        raise NotImplementedError
-
-    def close(self) -> None:
-        """End the apps and whatever plays them; idempotent. Later calls raise RuntimeError."""
-        raise NotImplementedError
-
-    def user_states(self) -> list[bytes]:
-        """Return the N parts of :meth:`state_dict`."""
-        raise NotImplementedError
-
     def load_state_dict(self, state: Mapping[str, ArrayLike]) -> list[int]:
         """Continue from :meth:`state_dict` of a simulation with the same configuration and N.
 
@@ -341,10 +361,6 @@ class BaseSimulation:
         self._require_open()
         return self.load_user_states(unpacked(state, self.n))
 
-    def load_user_states(self, states: Sequence[bytes]) -> list[int]:
-        """Continue from the parts of a state; see :meth:`load_state_dict`."""
-        raise NotImplementedError
-
     def __getstate__(self) -> dict[str, Any]:
         """Return the configuration, and the state if rounds have begun, for pickle and copy."""
         return {
@@ -353,11 +369,6 @@ class BaseSimulation:
             "make_app": self._make_app,
             "state": self.state_dict() if self.begun else None,
         }
-
-    @property
-    def begun(self) -> bool:
-        """Whether every user has been reset."""
-        raise NotImplementedError
 
     def __setstate__(self, made: dict[str, Any]) -> None:
         """Make the simulation again, with apps of its own, and continue from the state."""
@@ -368,78 +379,6 @@ class BaseSimulation:
     def _require_open(self) -> None:
         if self._closed:
             raise RuntimeError("the simulation is closed; make a new one")
-
-
-class Simulation(BaseSimulation):
-    """N users playing in N apps, without automatic reset.
-
-    One user step: muscle control -> MuJoCo substeps -> device poses at the end of the step -> one
-    app frame (collisions, game, reward, image) -> effort subtracted -> observation. With
-    ``frames_per_step`` K the app gets the poses of K moments, evenly spread over the step, in one
-    exchange, runs a frame for each and draws the last, or the one that a delayed sight asks for.
-    An episode depends on its seed and actions only, not on N, the position in the batch or the
-    threads.
-
-    Simulations can be pickled and copied, by way of :meth:`state_dict`: the copy goes on in apps
-    of its own, as exactly as these save their rounds. It writes no episode logs.
-
-    An app outside this process may fail. Its user's episode is truncated there (``app_failed``),
-    the others go on, and the user's next reset starts another app.
-
-    Args:
-        config: user, app and perception.
-        log_dir: root of the apps' episode logs, or None.
-        make_app: how to get the app of each user; None goes by ``config.app.transport``.
-
-    Raises:
-        ValueError: a setting that cannot be used; names it, what was got and what was expected.
-        RuntimeError: the app or its renderer cannot be started.
-    """
-
-    def __init__(
-        self,
-        config: EnvConfig | ResolvedEnv,
-        n: int = 1,
-        *,
-        log_dir: Path | None = None,
-        make_app: AppFactory | None = None,
-    ) -> None:
-        super().__init__(config, n, make_app)
-        config = self.config
-        substeps = checked_substeps(config, self.body.timestep)
-        user = self.config.user
-        self.users = UserBatch(
-            self.body,
-            self.n,
-            threads=budget(self.config.cores),
-            effort=user.effort.model,
-            effort_params=user.effort.options(),
-            noise=motor_noise(user.noise),
-            substeps=substeps,
-            people=self.people,
-            cut=self.resolved.body_for,
-            head=user.head,
-        )
-        perception = make_perception(
-            config, n, self.proprioception, substeps, len(self.actions.names), self.users.who
-        )
-        self.observation_space = perception.space
-        self._group = app_group(config, n, log_dir, make_app, self.body.ipd_m)
-        self._mirrored = self._both_hands(self._group)
-        self._group = self._mirrored or self._group
-        try:
-            if config.user.inputs:
-                for app in self.apps:
-                    app.require("inputs")
-            self._senses = Senses(perception, self.users, self._group, self.actions)
-            self._apps = AppSteps(config, self.users, self._group, self.actions, self.max_steps)
-        except BaseException:
-            self._group.close()
-            raise
-        if self._apps.late_hands.frames:
-            self.watch(self._apps.late_hands)
-        self._seeds = [np.random.default_rng() for _ in range(n)]
-        self._steps = np.zeros(n, dtype=np.int64)
 
     @property
     def apps(self) -> list[AppClient]:
@@ -549,6 +488,12 @@ class Simulation(BaseSimulation):
         return self._group.logs()
 
     def observation(self) -> Observation:
+        """The present observation of all users: fresh arrays, first axis N.
+
+        An entry per sense of ``config.senses``; by default ``vision`` (N, C, H, W) uint8,
+        ``proprioception`` (N, P) float32, ``stateful_information`` (N, 1) float32 (the game's
+        time feature).
+        """
         return self._senses.perception.observe()
 
     def _step(self, actions: ArrayLike, active: NDArray[np.bool_]) -> StepBatch:
@@ -622,6 +567,7 @@ class Simulation(BaseSimulation):
     # --- saved states ------------------------------------------------------------------------
 
     def user_states(self) -> list[bytes]:
+        """Return the N parts of :meth:`state_dict`."""
         return [
             pickle.dumps(
                 {
@@ -646,6 +592,7 @@ class Simulation(BaseSimulation):
         return all("save" in app.capabilities for app in self.apps)
 
     def load_user_states(self, states: Sequence[bytes]) -> list[int]:
+        """Continue from the parts of a state; see :meth:`load_state_dict`."""
         anew = []
         for i, state in enumerate(states):
             saved = _plain(state)
@@ -666,9 +613,11 @@ class Simulation(BaseSimulation):
 
     @property
     def begun(self) -> bool:
+        """Whether every user has been reset."""
         return not (self._over & (self._steps == 0)).any()
 
     def close(self) -> None:
+        """End the apps; idempotent. Later calls raise RuntimeError."""
         self._closed = True
         self._apps.close()
         self._group.close()

@@ -15,7 +15,6 @@ import pytest
 from processes import until
 from sim2vr_harness.envs import AppConfig, EnvConfig, Sim2VRVectorEnv, Simulation, UserConfig
 from sim2vr_harness.envs.shards import ShardedSimulation, in_this_process, make_simulation
-from sim2vr_harness.envs.simulation import BaseSimulation
 
 N = 5
 APPS: dict[str, dict[str, Any]] = {
@@ -34,7 +33,7 @@ def actions(step: int) -> np.ndarray:
     return np.random.default_rng(step).uniform(-1.0, 1.0, (N, 32))
 
 
-def played(users: BaseSimulation, steps: range) -> list[Any]:
+def played(users: Simulation, steps: range) -> list[Any]:
     """All that comes back from users who begin rounds anew, in another order than their own."""
     rows: list[Any] = []
     for step in steps:
@@ -158,7 +157,7 @@ def test_processes_by_cores_and_users() -> None:
     null = AppConfig(renderer="null")
     for cores, n, shards in ((8, 15, "auto"), (7, 16, "auto"), (8, 16, 1), (8, 1, 4)):
         with closing(make_simulation(EnvConfig(app=null, cores=cores, shards=shards), n)) as users:
-            assert isinstance(users, Simulation)
+            assert type(users) is Simulation
     with closing(Sim2VRVectorEnv(16, config=EnvConfig(app=null, cores=8))) as vector:
         vector.reset(seed=1)
         with pytest.raises(AttributeError, match=r"apps: .* expected env.shards=1"):

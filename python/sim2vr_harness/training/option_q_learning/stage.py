@@ -17,7 +17,7 @@ from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.people_preset import with_measured_body
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.shards import in_this_process, make_simulation
-from sim2vr_harness.envs.simulation import BaseSimulation
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.users import baseline_reward, note_of_baselines
 from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
@@ -142,7 +142,7 @@ class QLearningStage(Stage):
     leftovers = (_PICTURES,)
 
     _learner: OptionQLearning
-    _simulation: BaseSimulation
+    _simulation: Simulation
 
     def __init__(
         self,

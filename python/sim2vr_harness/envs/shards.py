@@ -98,8 +98,11 @@ class ShardedSimulation(Simulation):
 
     def __init__(self, config: EnvConfig | ResolvedEnv, n: int, shards: int) -> None:
         self._process: AppProcess | None = None
-        self._workers: list[_Worker] = []
         self._shards = shards
+        # Of each worker: its pipe, its users, and the logs of their games.
+        self._pipes: list[Connection] = []
+        self._users: list[slice] = []
+        self._logs: list[LogRows] = []
         super().__init__(config, n)
 
     def _open(self, log_dir: Path | None) -> None:
@@ -117,7 +120,9 @@ class ShardedSimulation(Simulation):
             if app.processes:
                 app = app.model_copy(update={"processes": max(1, app.processes // shards)})
             shares.append((slice(bounds[k], bounds[k + 1]), {"app": app, "cores": own}))
-            self._workers.append(_Worker(Connection(ours.detach()), shares[k][0]))
+            self._pipes.append(Connection(ours.detach()))
+            self._users.append(shares[k][0])
+            self._logs.append(LogRows([], np.zeros((bounds[k + 1] - bounds[k], 0))))
         inherited = (memory, *(theirs.fileno() for _, theirs in pairs))
         code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; "
         try:
@@ -150,30 +155,27 @@ class ShardedSimulation(Simulation):
         persons: Sequence[int | None] | None,
     ) -> list[dict[str, Any]]:
         calls, places = {}, {}
-        for k, worker in enumerate(self._workers):
-            first, end = worker.users.start, worker.users.stop
-            places[k] = own = [j for j, i in enumerate(rows) if first <= i < end]
+        for k, users in enumerate(self._users):
+            places[k] = own = [j for j, i in enumerate(rows) if users.start <= i < users.stop]
             given = [
                 None if each is None else [each[j] for j in own]
                 for each in (seeds, postures, persons)
             ]
             if own:
-                users = [rows[j] - first for j in own]
-                calls[k] = ("reset", (users, given[0], options, *given[1:]))
-        infos: list[dict[str, Any]] = [{} for _ in rows]
-        for k, found in self._call(calls).items():
-            for j, info in zip(places[k], found, strict=True):
-                infos[j] = info
-        return infos
+                ids = [rows[j] - users.start for j in own]
+                calls[k] = ("reset", (ids, given[0], options, *given[1:]))
+        found = self._call(calls)
+        infos = {j: info for k in found for j, info in zip(places[k], found[k], strict=True)}
+        return [infos[j] for j in range(len(rows))]
 
     def _step(self, actions: ArrayLike, active: NDArray[np.bool_]) -> StepBatch:
         shared = self._shared
         shared["actions"][...] = checked_action(actions, self.n, self.actions.names)
         shared["active"][...] = active
         ends: dict[int, dict[str, Any]] = {}
-        for k, found in self._call(dict.fromkeys(range(len(self._workers)), _STEP)).items():
+        for k, found in self._call(dict.fromkeys(range(self._shards), _STEP)).items():
             if found:
-                ends |= {i + self._workers[k].users.start: end for i, end in found.items()}
+                ends |= {i + self._users[k].start: end for i, end in found.items()}
         results = {name: shared[name].copy() for name in _RESULTS}
         return StepBatch(**results, logs=self.logs, ends=ends)
 
@@ -185,7 +187,7 @@ class ShardedSimulation(Simulation):
     @property
     def logs(self) -> LogRows:
         """The games' named numbers now."""
-        found = [worker.logs for worker in self._workers]
+        found = self._logs
         if all(log.names == found[0].names for log in found):
             return LogRows(found[0].names, np.concatenate([log.rows for log in found]))
         return LogRows.of([log[i] for log in found for i in range(len(log.rows))])
@@ -194,9 +196,8 @@ class ShardedSimulation(Simulation):
         return [state for found in self._call_all("user_states") for state in found]
 
     def load_user_states(self, states: Sequence[bytes]) -> list[int]:
-        own = [worker.users for worker in self._workers]
-        calls = {k: ("load_user_states", (states[users],)) for k, users in enumerate(own)}
-        return [i + own[k].start for k, anew in self._call(calls).items() for i in anew]
+        calls = {k: ("load_user_states", (states[users],)) for k, users in enumerate(self._users)}
+        return [i + self._users[k].start for k, anew in self._call(calls).items() for i in anew]
 
     @property
     def exact_states(self) -> bool:
@@ -207,8 +208,8 @@ class ShardedSimulation(Simulation):
     def app_failures(self) -> list[AppFailure]:
         """Every app that failed so far, shard by shard, the oldest first."""
         return [
-            replace(failure, user=failure.user + worker.users.start)
-            for worker, found in zip(self._workers, self._call_all("app_failures"), strict=True)
+            replace(failure, user=failure.user + users.start)
+            for users, found in zip(self._users, self._call_all("app_failures"), strict=True)
             for failure in found
         ]
 
@@ -222,7 +223,7 @@ class ShardedSimulation(Simulation):
         return all(self._call_all("begun"))
 
     def __getstate__(self) -> dict[str, Any]:
-        return super().__getstate__() | {"shards": len(self._workers)}
+        return super().__getstate__() | {"shards": self._shards}
 
     def __setstate__(self, made: dict[str, Any]) -> None:
         self.__init__(made["config"], made["n"], made["shards"])  # type: ignore[misc]
@@ -231,8 +232,10 @@ class ShardedSimulation(Simulation):
 
     def close(self) -> None:
         self._closed = True
-        for worker in self._workers:
-            worker.close()
+        for pipe in self._pipes:
+            with suppress(OSError):  # closed, here or there
+                pipe.send_bytes(_CLOSE)
+            pipe.close()
         if self._process is not None:
             self._process.stop(_GRACE_S)
 
@@ -240,7 +243,7 @@ class ShardedSimulation(Simulation):
 
     def _call_all(self, name: str) -> list[Any]:
         """Return what a method or an attribute of every worker's simulation gives."""
-        return list(self._call({k: (name, ()) for k in range(len(self._workers))}).values())
+        return list(self._call({k: (name, ()) for k in range(self._shards)}).values())
 
     def _call(self, calls: Mapping[int, Any]) -> dict[int, Any]:
         """Let workers do something at the same time; return their answers.
@@ -257,58 +260,30 @@ class ShardedSimulation(Simulation):
             with interrupts_deferred():
                 for k, call in calls.items():
                     if call is not None:
-                        self._workers[k].send(call)
+                        self._pipes[k].send_bytes(call if call is _STEP else pickle.dumps(call))
                 for k in calls:
-                    answers[k], error = self._workers[k].answer()
+                    given, log, error = self._pipes[k].recv_bytes(), self._logs[k], None
+                    if given.startswith(_STEP):
+                        answers[k], names = None, log.names
+                        rows = np.frombuffer(given, np.float64, offset=len(_STEP))
+                    else:
+                        answers[k], error, names, rows = pickle.loads(given)
+                    self._logs[k] = LogRows(names, rows.reshape(len(log.rows), len(names)))
                     errors += [] if error is None else [error]
         except (EOFError, OSError):
-            process, users = self._process, self._workers[k].users
+            process, users = self._process, self._users[k]
             assert process is not None
             process.wait(_GRACE_S)
             tail = process.log_tail(3) or f"process {process.pid} {end_words(process.exit_status)}"
             self.close()
             raise RuntimeError(
-                f"shard {k + 1} of {len(self._workers)} (users {users.start} to {users.stop - 1}): "
+                f"shard {k + 1} of {self._shards} (users {users.start} to {users.stop - 1}): "
                 f"{tail}; the simulation is closed"
             ) from None
         self._over[...] = self._shared["over"]
         if errors:
             raise errors[0]
         return answers
-
-
-class _Worker:
-    """A process that plays some of the users, as seen by the one that it plays for.
-
-    Args:
-        pipe: to the process.
-        users: the share.
-    """
-
-    def __init__(self, pipe: Connection, users: slice) -> None:
-        self._pipe, self.users = pipe, users
-        self.logs = LogRows([], np.zeros((users.stop - users.start, 0)))
-
-    def send(self, call: Any) -> None:
-        """Send a call, which :meth:`answer` answers."""
-        self._pipe.send_bytes(call if call is _STEP else pickle.dumps(call))
-
-    def answer(self) -> tuple[Any, Exception | None]:
-        """Wait for an answer; return it, and the error that there was in its place."""
-        given = self._pipe.recv_bytes()
-        if not given.startswith(_STEP):
-            value, error, names, rows = pickle.loads(given)
-            self.logs = LogRows(names, rows)
-            return value, error
-        rows = np.frombuffer(given, np.float64, offset=len(_STEP))
-        self.logs = LogRows(self.logs.names, rows.reshape(self.logs.rows.shape))
-        return None, None
-
-    def close(self) -> None:
-        """Let it end when it has nothing to do; idempotent."""
-        with suppress(OSError):
-            self._pipe.send_bytes(_CLOSE)
-        self._pipe.close()
 
 
 def _shared_arrays(n: int, actions: int, space: Any, file: int) -> dict[str, NDArray[Any]]:

@@ -619,7 +619,7 @@ class Simulation:
     def close(self) -> None:
         """End the apps; idempotent. Later calls raise RuntimeError."""
         self._closed = True
-        self._apps.close()
+        self._apps.beside.shutdown()
         self._group.close()
 
 
@@ -648,7 +648,8 @@ class AppSteps:
         """Delayed hand poses, a sense to be watched if it has frames."""
         self.shares = _SHARES if group.drawn_by_gpu else (1.0,)
         """Parts of the users to move one after the other."""
-        self._beside: ThreadPoolExecutor | None = None
+        self.beside = ThreadPoolExecutor(1, "apps")
+        """The thread that apps play in while bodies move; it begins with the first of them."""
 
     @contextmanager
     def step(
@@ -668,17 +669,6 @@ class AppSteps:
         finally:
             if one.running:
                 wait(one.running)
-
-    def beside(self) -> ThreadPoolExecutor:
-        """Return the thread that apps play in while bodies move."""
-        if self._beside is None:
-            self._beside = ThreadPoolExecutor(1, "apps")
-        return self._beside
-
-    def close(self) -> None:
-        """End the thread."""
-        if self._beside is not None:
-            self._beside.shutdown()
 
     def play(self, ids: IntArray, steps: IntArray, drawn: int | IntArray) -> IntArray:
         """Step the apps of these users; return those whose apps have answered."""
@@ -744,7 +734,7 @@ class _Step:
         if len(self.shares) == 1:
             self._ids = ids
         elif len(ids):
-            self.running.append(self._apps.beside().submit(self._play, ids))
+            self.running.append(self._apps.beside.submit(self._play, ids))
 
     def answered(self) -> IntArray:
         """Return the users whose apps have answered."""

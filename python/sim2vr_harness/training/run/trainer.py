@@ -26,7 +26,6 @@ from sim2vr_harness.base.file_lock import sole_training
 from sim2vr_harness.base.progress import duration
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs import shards
-from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.games.registry import imagined_game
@@ -51,7 +50,7 @@ from sim2vr_harness.training.run.stage import (
     say_line,
 )
 
-MakeSimulation = Callable[[TrainingConfig], SimulationLike]
+MakeSimulation = Callable[[TrainingConfig], Simulation]
 """Makes the users to train with: ``config.ppo.n_envs`` of them."""
 
 
@@ -316,7 +315,7 @@ class TrainResult:
     saved: str = ""
 
 
-def make_simulation(config: TrainingConfig) -> SimulationLike:
+def make_simulation(config: TrainingConfig) -> Simulation:
     """Make the users and apps of ``config``; the default :data:`MakeSimulation`."""
     return shards.make_simulation(config.env, config.ppo.n_envs)
 

@@ -46,8 +46,7 @@ _RESULTS = ("reward", "terminated", "truncated", "game_reward", "effort_cost", "
 _STEP = b"one step"  # of eight bytes, so that the numbers behind it are aligned
 _CLOSE = b"close"
 _ALIGNED = 64
-_GRACE_S = 5.0
-_PR_SET_PDEATHSIG = 1
+_GRACE_S, _PR_SET_PDEATHSIG = 5.0, 1
 
 
 def make_simulation(

@@ -320,10 +320,11 @@ class UserBatch:
     def _update_effort(self, ids: IntArray) -> None:
         if len(ids):
             actuators, physics = self._actuation.actuators, self._physics
+            rows = physics.rows(ids)
             # Of the strength that they have: forces count as shares of the body's peak forces.
-            force = physics.force[np.ix_(ids, actuators)] / self.who.strength[ids, None]
-            act = physics.act[np.ix_(ids, self._actuation.activations)]
-            ctrl = physics.ctrl[np.ix_(ids, actuators)]
+            force = physics.force[rows].take(actuators, axis=1) / self.who.strength[rows, None]
+            act = physics.act[rows].take(self._actuation.activations, axis=1)
+            ctrl = physics.ctrl[rows].take(actuators, axis=1)
             cost = self.effort.update(self._actuation.loads(act, force), ctrl, force, ids)
             self._cost[ids] = self.who.effort_weight[ids] * cost
 

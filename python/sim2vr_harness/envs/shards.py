@@ -106,10 +106,9 @@ class ShardedSimulation(Simulation):
 
     def _open(self, log_dir: Path | None) -> None:
         n, shards = self.n, self._shards
-        self.observation_space = self.resolved.observation_space
         memory = os.memfd_create("sim2vr-shards")
-        size = self.action_space.shape[0]
-        self._shared = _shared_arrays(n, size, self.observation_space, memory)
+        space = self.observation_space = self.resolved.observation_space
+        self._shared = _shared_arrays(n, self.action_space.shape[0], space, memory)
         cores, rest = divmod(budget(self.config.cores), shards)
         bounds = np.linspace(0, n, shards + 1).astype(int).tolist()
         pairs = [socket.socketpair() for _ in range(shards)]
@@ -254,7 +253,8 @@ class ShardedSimulation(Simulation):
             RuntimeError: a worker has ended.
             Exception: the first error of a worker, after all have answered.
         """
-        k, answers, errors = 0, {}, []
+        answers: dict[int, Any] = {}
+        k, errors = 0, []
         try:
             with interrupts_deferred():
                 for k, call in calls.items():
@@ -396,5 +396,5 @@ def _sendable(error: Exception, users: slice) -> Exception:
             error = type(error)(words)
         pickle.loads(pickle.dumps(error))
     except Exception:
-        return RuntimeError(f"{type(error).__name__}: {words}")
+        return ValueError(words) if isinstance(error, ValueError) else RuntimeError(words)
     return error

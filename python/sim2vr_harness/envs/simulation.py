@@ -646,7 +646,7 @@ class AppSteps:
         self._actions, self._max_steps = actions, max_steps
         self.late_hands = LateHands(config, users.n)
         """Delayed hand poses, a sense to be watched if it has frames."""
-        self.shares = _SHARES if group.drawn_by_gpu else (1.0,)
+        self.shares: tuple[float, ...] = _SHARES if group.drawn_by_gpu else (1.0,)
         """Parts of the users to move one after the other."""
         self.beside = ThreadPoolExecutor(1, "apps")
         """The thread that apps play in while bodies move; it begins with the first of them."""

@@ -254,7 +254,7 @@ class ShardedSimulation(Simulation):
             Exception: the first error of a worker, after all have answered.
         """
         answers: dict[int, Any] = {}
-        k, errors = 0, []
+        errors = []
         try:
             with interrupts_deferred():
                 for k, call in calls.items():
@@ -270,15 +270,12 @@ class ShardedSimulation(Simulation):
                     self._logs[k] = LogRows(names, rows.reshape(len(log.rows), len(names)))
                     errors += [] if error is None else [error]
         except (EOFError, OSError):
-            process, users = self._process, self._users[k]
+            process = self._process
             assert process is not None
             process.wait(_GRACE_S)
             tail = process.log_tail(3) or f"process {process.pid} {end_words(process.exit_status)}"
             self.close()
-            raise RuntimeError(
-                f"shard {k + 1} of {self._shards} (users {users.start} to {users.stop - 1}): "
-                f"{tail}; the simulation is closed"
-            ) from None
+            raise RuntimeError(f"env.shards: {tail}; the simulation is closed") from None
         self._over[...] = self._shared["over"]
         if errors:
             raise errors[0]
@@ -324,8 +321,9 @@ def serve(memory: int, *descriptors: int) -> None:
         load_game_library(file)
     _ = resolved.body
     gc.freeze()
+    playing = {}
     for pipe, (users, settings) in zip(pipes, shares, strict=True):
-        if os.fork() == 0:
+        if (pid := os.fork()) == 0:
             try:
                 ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
                 for other in pipes:
@@ -335,13 +333,14 @@ def serve(memory: int, *descriptors: int) -> None:
             except BaseException:
                 traceback.print_exc()
             os._exit(1)  # without the clean-up of the process that it was forked from
+        playing[pid] = f"process {pid} (users {users.start} to {users.stop - 1})"
     for pipe in pipes:
         pipe.close()
     for _ in pipes:
         pid, status = os.wait()
         if status:
             ended = end_words(os.waitstatus_to_exitcode(status))
-            sys.stderr.write(f"process {pid} {ended}\n")
+            sys.stderr.write(f"{playing[pid]} {ended}\n")
             os._exit(1)
     os._exit(0)
 

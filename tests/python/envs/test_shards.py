@@ -121,7 +121,7 @@ def test_the_end_of_a_worker_ends_the_simulation() -> None:
     started = [pid for pid in descendants(os.getpid()) if pid not in before]
     *_, worker = (pid for pid in started if name_of(pid).startswith("python"))
     os.kill(worker, signal.SIGKILL)
-    words = rf"shard 2 of 2 \(users 2 to 4\): process {worker} was killed \(SIGKILL\)"
+    words = rf"process {worker} \(users 2 to 4\) was killed \(SIGKILL\)"
     with pytest.raises(RuntimeError, match=words):
         users.step(actions(0))
     assert until(lambda: not running(started), 10.0)

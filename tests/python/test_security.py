@@ -233,10 +233,10 @@ def mjcf(case: Case) -> None:
 
 
 def weights(case: Case) -> None:
-    evil = pickle.dumps({"format": "sim2vr simulation state 4", "n": 1, "x": Evil(case.marker)})
+    evil = pickle.dumps({"format": "sim2vr simulation state 5", "n": 1, "x": Evil(case.marker)})
     case.would(lambda: pickle.loads(evil))
     with pytest.raises(ValueError, match="expected plain data"):
-        unpacked(evil, 1, ())
+        unpacked({"simulation": np.frombuffer(evil, np.uint8)}, 1)
     saved, arrays = BytesIO(), BytesIO()
     torch.save({"weights": Evil(case.marker)}, saved)
     np.savez(arrays, header=np.array([Evil(case.marker)], dtype=object))

@@ -31,7 +31,8 @@ def _options() -> argparse.ArgumentParser:
         "--scene",
         action="append",
         metavar="NAME",
-        help="physics, render, env, train, senses, bodies, memory or all; repeated or with commas",
+        help="physics, render, env, train, scaling, senses, bodies, memory or all; repeated or "
+        "with commas",
     )
     parser.add_argument("--n", default="64", metavar="LIST", help="numbers of users: 16,64")
     parser.add_argument("--threads", metavar="LIST", help="numbers of threads; default: cores")

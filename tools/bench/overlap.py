@@ -39,7 +39,7 @@ def main() -> None:
         }
         for name, shares in SHARES.items():
             users = EnvScene(Spec("env", config, given.n, given.threads))
-            users.env.simulation._apps.shares = shares  # type: ignore[attr-defined]
+            users.env.simulation._apps.shares = shares
             scenes[name] = users
         for scene in scenes.values():
             stack.callback(scene.close)

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 Float64Array = NDArray[np.float64]
 
+_TO_APP, _SIGNS = np.array([1, 2, 0, 5, 6, 4, 3]), np.array([-1.0, 1, 1, -1, 1, 1, -1])
+
 
 def position_to_app(position: ArrayLike) -> Float64Array:
     """MuJoCo positions to the app's frame.
@@ -83,7 +85,9 @@ def pose_to_app(position: ArrayLike, quat_wxyz: ArrayLike) -> Float64Array:
     Returns:
         (..., 7): position x y z in m, rotation x y z w, app frame.
     """
-    return np.concatenate([position_to_app(position), rotation_to_app(quat_wxyz)], axis=-1)
+    # As position_to_app and rotation_to_app have it, at once.
+    rows = np.concatenate([position, quat_wxyz], axis=-1, dtype=np.float64)
+    return np.asarray(rows[..., _TO_APP] * _SIGNS)
 
 
 AIM_DIRECTION: Float64Array = np.array([0.5, 0.0, -np.sqrt(0.75)])

@@ -312,18 +312,32 @@ class InProcessBatch:
 
 
 class LogRows:
-    """Rows of numbers that become dictionaries only when someone looks."""
+    """The games' named numbers at one moment; a user's dictionary is made when someone looks.
+
+    Args:
+        names: L of them.
+        rows: (N, L), NaN for a number that a user's round does not have.
+    """
 
     def __init__(self, names: Sequence[str], rows: NDArray[np.float64]) -> None:
-        self._names, self._rows = names, rows
+        self.names, self.rows = names, rows
+
+    @classmethod
+    def of(cls, logs: Sequence[Mapping[str, float]]) -> LogRows:
+        """Return the numbers of N dictionaries."""
+        names = list(dict.fromkeys(name for log in logs for name in log))
+        rows = [[log.get(name, np.nan) for name in names] for log in logs]
+        return cls(names, np.array(rows, dtype=np.float64).reshape(len(logs), len(names)))
 
     def __getitem__(self, i: int) -> Mapping[str, float]:
-        return numbers_of_log(self._names, self._rows[i].tolist())
+        """Return the numbers of user ``i``."""
+        return numbers_of_log(self.names, self.rows[i].tolist())
 
     def total(self, name: str) -> float:
-        if name not in self._names:
+        """Return the sum of one number over all users; 0 if the game has none of that name."""
+        if name not in self.names:
             return 0.0
-        return float(np.nansum(self._rows[:, self._names.index(name)]))
+        return float(np.nansum(self.rows[:, self.names.index(name)]))
 
 
 class InProcessBatchApp(AppClient):

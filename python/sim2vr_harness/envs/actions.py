@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.base.state import RowState
 from sim2vr_harness.client.devices import INPUT_COUNT, input_named
+from sim2vr_harness.users.batch import checked_action
 
 SACCADE_S, SACCADE_S_PER_DEG = 0.021, 0.0022
 """Duration of a saccade, and its growth with the amplitude (Carpenter 1988)."""
@@ -74,20 +75,7 @@ class Actions(RowState):
         """
         if len(self.names) == self._body:
             return actions  # the body checks its own
-        given = np.asarray(actions)
-        if not np.issubdtype(given.dtype, np.number) or np.iscomplexobj(given):
-            raise ValueError(f"action: got dtype {given.dtype}, expected real numbers")
-        given = given.astype(np.float64)
-        if given.shape != (self._n, len(self.names)):
-            expected = (self._n, len(self.names))
-            raise ValueError(f"action: got shape {given.shape}, expected {expected}")
-        wrong = np.argwhere(~np.isfinite(given))
-        if len(wrong):
-            i, j = (int(k) for k in wrong[0])
-            raise ValueError(
-                f"action[{i}, {j}] ({self.names[j]}): got {given[i, j]}, expected a finite number "
-                "in [-1, 1]"
-            )
+        given = checked_action(actions, self._n, self.names)
         extra = np.clip(given[:, self._body :], -1.0, 1.0)
         pressing = extra[:, : len(self._inputs)]
         analogue = self._low + (pressing + 1.0) / 2.0 * (1.0 - self._low)
@@ -109,7 +97,8 @@ class Actions(RowState):
 
     def remember(self, actions: ArrayLike) -> None:
         """Store the actions of a user step, (N, A)."""
-        np.clip(actions, -1.0, 1.0, out=self.last)
+        self.last[...] = actions
+        np.clip(self.last, -1.0, 1.0, out=self.last)
 
     def reset(self, ids: NDArray[np.int64]) -> None:
         """Release all inputs, center the gaze and clear the stored actions of these users."""

@@ -1,7 +1,7 @@
 """The apps of N users, stepped by one call: in this process as arrays, elsewhere in parallel."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,6 +23,7 @@ from sim2vr_harness.client import (
     transport_named,
 )
 from sim2vr_harness.client.devices import Hand
+from sim2vr_harness.client.in_process import LogRows
 from sim2vr_harness.envs.apps import IPD_M, AppFactory, app_factory, apps_wanted, judged
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import channel_indices, pick_channels
@@ -47,16 +48,6 @@ class AppFailure:
     user: int
     step: int
     error: str
-
-
-class Logs(Protocol):
-    """The games' named numbers at one moment, one entry per user."""
-
-    def __getitem__(self, i: int) -> Mapping[str, float]:
-        """Return the numbers of user ``i``."""
-
-    def total(self, name: str) -> float:
-        """Return the sum of one number over all users; 0 if the game has none of that name."""
 
 
 class AppGroup(Protocol):
@@ -160,7 +151,7 @@ class AppGroup(Protocol):
             The users whose apps answered, in the order of ``ids``.
         """
 
-    def logs(self) -> Logs:
+    def logs(self) -> LogRows:
         """Return copies of the present logs, which later steps do not change."""
 
     def save(self, i: int, step: int) -> bytes | None:
@@ -199,19 +190,6 @@ def _channels(config: EnvConfig) -> list[int]:
     """Return the image channels of a user; none without vision."""
     sees = any(config.sense(name) is not None for name in ("vision", "fovea"))
     return channel_indices(config.vision.channels) if sees else []
-
-
-class _LogList:
-    """Dictionaries as the apps sent them."""
-
-    def __init__(self, logs: Sequence[Mapping[str, float]]) -> None:
-        self._logs = tuple(logs)
-
-    def __getitem__(self, i: int) -> Mapping[str, float]:
-        return self._logs[i]
-
-    def total(self, name: str) -> float:
-        return sum(log.get(name, 0.0) for log in self._logs)
 
 
 class ClientGroup:
@@ -355,8 +333,8 @@ class ClientGroup:
             self.failures.append(AppFailure(i, step, str(error)))
             self.apps[i].close()
 
-    def logs(self) -> Logs:
-        return _LogList(self._logs)
+    def logs(self) -> LogRows:
+        return LogRows.of(self._logs)
 
     def save(self, i: int, step: int) -> bytes | None:
         if i in self.failed or "save" not in self.apps[i].capabilities:
@@ -475,7 +453,7 @@ class MirroredGroup:
         found = np.concatenate(answered) if answered else np.zeros(0, dtype=np.int64)
         return np.asarray(ids[np.isin(ids, found)])
 
-    def logs(self) -> Logs:
+    def logs(self) -> LogRows:
         """Return the games' numbers."""
         return self._group.logs()
 

@@ -388,6 +388,11 @@ class EnvConfig(Settings):
     cores: int = Field(default=0, ge=0, le=4096)
     """Cores that physics, apps and torch may use; 0: every core that this process may run on.
     Results are identical for any number."""
+    shards: Literal["auto"] | Annotated[int, Field(ge=1, le=256)] = "auto"
+    """Processes among which the users of a vector environment or a training stage are divided, at
+    most one per user. ``auto``: one per four cores and eight users, at least one. Results are
+    identical for any number. One process plays all users where something reads their bodies or apps
+    (evaluations, films, logs, privileged teachers) and where the app runs already (``connect``)."""
 
     @field_validator("senses")
     @classmethod

@@ -14,20 +14,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import reason
-from sim2vr_harness.client import (
-    AppClient,
-    DevicePoses,
-    OptionValue,
-    frame_times_ns,
-)
+from sim2vr_harness.client import AppClient, DevicePoses, OptionValue, frame_times_ns
 from sim2vr_harness.client.devices import input_named
 from sim2vr_harness.client.frames import pose_to_app
+from sim2vr_harness.client.in_process import LogRows
 from sim2vr_harness.envs.actions import Actions, gaze_slopes
-from sim2vr_harness.envs.app_group import AppFailure, AppGroup, Logs, MirroredGroup, app_group
+from sim2vr_harness.envs.app_group import AppFailure, AppGroup, MirroredGroup, app_group
 from sim2vr_harness.envs.apps import AppFactory
 from sim2vr_harness.envs.checks import (
     checked_options,
@@ -36,47 +33,52 @@ from sim2vr_harness.envs.checks import (
     checked_users,
     chosen_persons,
 )
-from sim2vr_harness.envs.config import (
-    EnvConfig,
-    motor_noise,
-)
+from sim2vr_harness.envs.config import EnvConfig, motor_noise
 from sim2vr_harness.envs.late_hands import LateHands, app_options
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.perception import Delayed, Proprioception, Sense
 from sim2vr_harness.users import Body
+from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import DEVICES
 
-_FORMAT = "sim2vr simulation state 4"
+_FORMAT = "sim2vr simulation state 5"
 
 
-def packed(n: int, parts: dict[str, Any]) -> bytes:
-    """Return the parts of a state of ``n`` users, arrays and plain values, as bytes."""
-    return pickle.dumps({"format": _FORMAT, "n": n, **parts})
+def packed(users: Sequence[bytes]) -> dict[str, NDArray[np.uint8]]:
+    """Return the state of users, bytes each, as one array of bytes."""
+    state = pickle.dumps({"format": _FORMAT, "users": list(users)})
+    return {"simulation": np.frombuffer(state, np.uint8)}
 
 
-def unpacked(state: bytes, n: int, parts: tuple[str, ...]) -> dict[str, Any]:
-    """The parts again.
+def unpacked(state: Mapping[str, ArrayLike], n: int) -> list[bytes]:
+    """The users' bytes again.
 
     Raises:
-        ValueError: the bytes are of something else, damaged, without one of these parts, or of
-            another number of users.
+        ValueError: the state is of something else, damaged, or of another number of users.
+    """
+    saved = _plain(np.asarray(state["simulation"]).tobytes())
+    if not isinstance(saved, dict) or saved.get("format") != _FORMAT:
+        raise ValueError(f"state: got other bytes, expected a '{_FORMAT}'")
+    if len(saved["users"]) != n:
+        raise ValueError(f"state: got one of {len(saved['users'])} users, expected {n}")
+    return list(saved["users"])
+
+
+def _plain(state: bytes) -> Any:
+    """Return arrays and plain values that were pickled.
+
+    Raises:
+        ValueError: the bytes are of something else, or damaged.
     """
     try:
-        saved = _PlainUnpickler(io.BytesIO(state)).load()
+        return _PlainUnpickler(io.BytesIO(state)).load()
     except ValueError:
         raise
     except Exception as error:  # a damaged pickle raises anything
         got = f"damaged bytes ({reason(error)})"
         raise ValueError(f"state: got {got}, expected a '{_FORMAT}'") from error
-    if not isinstance(saved, dict) or saved.get("format") != _FORMAT:
-        raise ValueError(f"state: got other bytes, expected a '{_FORMAT}'")
-    if any(part not in saved for part in ("n", *parts)):
-        raise ValueError("state: got one that lacks a part, expected all of a simulation's")
-    if saved["n"] != n:
-        raise ValueError(f"state: got one of {saved['n']} users, expected {n}")
-    return saved
 
 
 class _PlainUnpickler(pickle.Unpickler):
@@ -124,7 +126,7 @@ class StepBatch:
     game_reward: NDArray[np.float64]
     effort_cost: NDArray[np.float64]
     answered: NDArray[np.bool_]
-    logs: Logs
+    logs: LogRows
     ends: dict[int, dict[str, Any]] = field(default_factory=dict)
 
     @property
@@ -183,6 +185,8 @@ class Simulation:
         RuntimeError: the app or its renderer cannot be started.
     """
 
+    observation_space: spaces.Dict
+
     def __init__(
         self,
         config: EnvConfig | ResolvedEnv,
@@ -198,15 +202,25 @@ class Simulation:
         if make_app is None:
             self.resolved = self.resolved.with_hand()
             self._hand_option = self.resolved.facts.hand_option
-        self.config = config = self.resolved.config
-        substeps = checked_substeps(config, self.body.timestep)
+        self.config = self.resolved.config
         self.people = self.resolved.people
         """The population that users are drawn from; None: all are average."""
-        user = self.config.user
+        self.proprioception = Proprioception(self.body)
+        self.actions = make_actions(self.config, n, self.body)
+        self.action_space = self.actions.space
+        seconds = self.config.max_episode_seconds
+        self.max_steps = max(1, round(seconds * self.config.action_frequency_hz))
+        self._over = np.ones(n, dtype=bool)
+        self._open(log_dir)
+
+    def _open(self, log_dir: Path | None) -> None:
+        """Make bodies, apps and senses."""
+        config, user, n = self.config, self.config.user, self.n
+        substeps = checked_substeps(config, self.body.timestep)
         self.users = UserBatch(
             self.body,
-            self.n,
-            threads=budget(self.config.cores),
+            n,
+            threads=budget(config.cores),
             effort=user.effort.model,
             effort_params=user.effort.options(),
             noise=motor_noise(user.noise),
@@ -215,15 +229,11 @@ class Simulation:
             cut=self.resolved.body_for,
             head=user.head,
         )
-        self.proprioception = Proprioception(self.body)
-        self.actions = make_actions(config, n, self.body)
         perception = make_perception(
             config, n, self.proprioception, substeps, len(self.actions.names), self.users.who
         )
         self.observation_space = perception.space
-        self.action_space = self.actions.space
-        self.max_steps = max(1, round(config.max_episode_seconds * config.action_frequency_hz))
-        self._group = app_group(config, n, log_dir, make_app, self.body.ipd_m)
+        self._group = app_group(config, n, log_dir, self._make_app, self.body.ipd_m)
         self._mirrored = self._both_hands(self._group)
         self._group = self._mirrored or self._group
         try:
@@ -238,19 +248,137 @@ class Simulation:
         if self._apps.late_hands.frames:
             self.watch(self._apps.late_hands)
         self._seeds = [np.random.default_rng() for _ in range(n)]
-        self._steps, self._over = np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool)
-        self._closed = False
+        self._steps = np.zeros(n, dtype=np.int64)
 
     @property
     def resting_action(self) -> NDArray[np.float32]:
         """Action of the idle baseline, (A,): muscles relax, fingers press no input."""
-        body, names = self.users.resting_action, self.config.user.inputs
+        body, names = Actuation(self.body).rest, self.config.user.inputs
         action = np.zeros(self.action_space.shape[0], np.float32)
         action[: len(body)] = body
         for k, name in enumerate(names, start=len(body)):
             if input_named(name).low == 0.0:
                 action[k] = -1.0
         return action
+
+    @property
+    def over(self) -> NDArray[np.bool_]:
+        """(N,) True if the episode has ended, or never began."""
+        return self._over.copy()
+
+    def reset(
+        self,
+        ids: Sequence[int] | None = None,
+        seeds: Sequence[int | None] | None = None,
+        options: Mapping[str, OptionValue] | None = None,
+        postures: Sequence[NDArray[np.float64] | None] | None = None,
+        persons: Sequence[int | None] | None = None,
+    ) -> list[dict[str, Any]]:
+        """Start new episodes.
+
+        Args:
+            ids: (K,) users to reset; None for all.
+            seeds: K seeds that restart the users' streams of episodes; None: the streams continue.
+            options: game options for these users from this round on.
+            postures: K postures to start in (see `UserBatch.reset`); None: all are sampled.
+            persons: K persons of the population (`Population.number`); None: sampled by the seed.
+
+        Returns:
+            K dictionaries: ``seed`` of the app's round, ``log``, ``person`` if users are people.
+
+        Raises:
+            ValueError: an option, a seed or a user that does not exist; rounds are unchanged.
+            RuntimeError: the simulation is closed.
+        """
+        self._require_open()
+        rows = checked_users("ids", ids, self.n)
+        given = checked_seeds(seeds, len(rows))
+        for name, each in (("postures", postures), ("persons", persons)):
+            if each is not None and len(each) != len(rows):
+                raise ValueError(f"{name}: got {len(each)}, expected {len(rows)}, one per user")
+        options = app_options(checked_options(options))
+        if not rows:
+            return []
+        if self._hand_option in options:
+            self.resolved.require_worn(str(options[self._hand_option]))
+        return self._reset(rows, given, options, postures, persons)
+
+    def step(self, actions: ArrayLike, resting: Sequence[int] | IntArray = ()) -> StepBatch:
+        """Advance every user and app by one user step.
+
+        Args:
+            actions: (N, A) in [-1, 1]: those of the body (of muscles, changes of activation), then
+                those of fingers and eyes, if the user has any (:class:`Actions`).
+            resting: users whose episodes are over and who skip this step: their apps, senses and
+                counts do not change, and their reward is 0.
+
+        Raises:
+            ValueError: actions of another shape or not finite.
+            RuntimeError: a user's episode is over (reset it first), or the simulation is closed.
+        """
+        self._require_open()
+        # (N,) users that take a step; the episodes of the others have to be over.
+        active = np.ones(self.n, dtype=bool)
+        if len(resting):
+            active[checked_users("resting", resting, self.n)] = False
+        if (self._over == active).any():
+            over = np.flatnonzero(self._over & active).tolist()
+            if over:
+                raise RuntimeError(f"step: the episodes of users {over} are over; reset them first")
+            wrong = np.flatnonzero(~self._over & ~active).tolist()
+            raise ValueError(f"resting: got users {wrong}, expected only ones that are over")
+        return self._step(actions, active)
+
+    def renew(self, outcome: StepBatch) -> list[int]:
+        """Start new episodes for users without one after a step; returns which."""
+        ended = np.flatnonzero(outcome.over).tolist()
+        if ended:
+            self.reset(ids=ended)
+        return ended
+
+    def state_dict(self) -> dict[str, NDArray[np.uint8]]:
+        """Everything the future depends on, mid-episode included: random streams, bodies, apps.
+
+        Returns:
+            ``simulation``: one array of bytes, since an app's own part is bytes.
+
+        Raises:
+            RuntimeError: some user was never reset, or the simulation is closed.
+        """
+        self._require_open()
+        return packed(self.user_states())
+
+    def load_state_dict(self, state: Mapping[str, ArrayLike]) -> list[int]:
+        """Continue from :meth:`state_dict` of a simulation with the same configuration and N.
+
+        Returns:
+            The users whose apps could not save their rounds; they have started new ones.
+
+        Raises:
+            ValueError: the state is of something else or of another number of users.
+            RuntimeError: an app rejects its part, or the simulation is closed.
+        """
+        self._require_open()
+        return self.load_user_states(unpacked(state, self.n))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the configuration, and the state if rounds have begun, for pickle and copy."""
+        return {
+            "config": self.resolved,
+            "n": self.n,
+            "make_app": self._make_app,
+            "state": self.state_dict() if self.begun else None,
+        }
+
+    def __setstate__(self, made: dict[str, Any]) -> None:
+        """Make the simulation again, with apps of its own, and continue from the state."""
+        self.__init__(made["config"], made["n"], make_app=made["make_app"])  # type: ignore[misc]
+        if made["state"] is not None:
+            self.load_state_dict(made["state"])
+
+    def _require_open(self) -> None:
+        if self._closed:
+            raise RuntimeError("the simulation is closed; make a new one")
 
     @property
     def apps(self) -> list[AppClient]:
@@ -281,41 +409,17 @@ class Simulation:
 
     # --- episodes ----------------------------------------------------------------------------
 
-    def reset(
+    def _reset(
         self,
-        ids: Sequence[int] | None = None,
-        seeds: Sequence[int | None] | None = None,
-        options: Mapping[str, OptionValue] | None = None,
-        postures: Sequence[NDArray[np.float64] | None] | None = None,
-        persons: Sequence[int | None] | None = None,
+        rows: Sequence[int],
+        seeds: Sequence[int | None],
+        options: Mapping[str, OptionValue],
+        postures: Sequence[NDArray[np.float64] | None] | None,
+        persons: Sequence[int | None] | None,
     ) -> list[dict[str, Any]]:
-        """Start new episodes.
-
-        Args:
-            ids: (K,) users to reset; None for all.
-            seeds: K seeds that restart the users' streams of episodes; None: the streams continue.
-            options: game options for these users from this round on.
-            postures: K postures to start in (see `UserBatch.reset`); None: all are sampled.
-            persons: K persons of the population (`Population.number`); None: sampled by the seed.
-
-        Returns:
-            K dictionaries: ``seed`` of the app's round, ``log``, ``person`` if users are people.
-
-        Raises:
-            ValueError: an option, a seed or a user that does not exist; rounds are unchanged.
-            RuntimeError: the simulation is closed.
-        """
-        self._require_open()
-        rows = checked_users("ids", ids, self.n)
-        given = checked_seeds(seeds, len(rows))
-        options = app_options(checked_options(options))
-        if not rows:
-            return []
-        if self._hand_option in options:
-            self.resolved.require_worn(str(options[self._hand_option]))
         streams = [
             copy.deepcopy(self._seeds[i]) if seed is None else np.random.default_rng(seed)
-            for i, seed in zip(rows, given, strict=True)
+            for i, seed in zip(rows, seeds, strict=True)
         ]
         round_seeds = [int(stream.integers(2**32)) for stream in streams]
         users, numbers = (np.array(each, dtype=np.int64) for each in (rows, round_seeds))
@@ -379,7 +483,7 @@ class Simulation:
         return self.users.person_features
 
     @property
-    def logs(self) -> Logs:
+    def logs(self) -> LogRows:
         """The games' named numbers now."""
         return self._group.logs()
 
@@ -392,41 +496,7 @@ class Simulation:
         """
         return self._senses.perception.observe()
 
-    @property
-    def over(self) -> NDArray[np.bool_]:
-        """(N,) True if the episode has ended, or never began."""
-        return self._over.copy()
-
-    def renew(self, outcome: StepBatch) -> list[int]:
-        """Start new episodes for users without one after a step; returns which."""
-        ended = np.flatnonzero(outcome.over).tolist()
-        if ended:
-            self.reset(ids=ended)
-        return ended
-
-    def step(self, actions: ArrayLike, resting: Sequence[int] | IntArray = ()) -> StepBatch:
-        """Advance every user and app by one user step.
-
-        Args:
-            actions: (N, A) in [-1, 1]: those of the body (of muscles, changes of activation), then
-                those of fingers and eyes, if the user has any (:class:`Actions`).
-            resting: users whose episodes are over and who skip this step: their apps, senses and
-                counts do not change, and their reward is 0.
-
-        Raises:
-            ValueError: actions of another shape or not finite.
-            RuntimeError: a user's episode is over (reset it first), or the simulation is closed.
-        """
-        self._require_open()
-        # (N,) users that take a step; the episodes of the others have to be over.
-        active = np.ones(self.n, dtype=bool)
-        active[checked_users("resting", resting, self.n)] = False
-        if (self._over & active).any():
-            over = np.flatnonzero(self._over & active).tolist()
-            raise RuntimeError(f"step: the episodes of users {over} are over; reset them first")
-        if not self._over[~active].all():
-            wrong = np.flatnonzero(~self._over & ~active).tolist()
-            raise ValueError(f"resting: got users {wrong}, expected only ones that are over")
+    def _step(self, actions: ArrayLike, active: NDArray[np.bool_]) -> StepBatch:
         body = self.actions.take(actions)
         pauses, drawn = self._senses.pauses, self._senses.perception.drawn_frame
         with self._apps.step(active, self._steps + active, drawn, whole=bool(pauses)) as apps:
@@ -450,9 +520,9 @@ class Simulation:
         answered[users] = True
         game_reward = np.where(answered, self._group.reward, 0.0).astype(np.float64)
         terminated = diverged | (answered & (self._group.finished != 0))
-        failed = np.zeros(self.n, dtype=bool)
-        failed[list(self._group.failed)] = True
-        truncated = active & ~terminated & ((self._steps >= self.max_steps) | failed)
+        late = self._steps >= self.max_steps
+        late[list(self._group.failed)] = True
+        truncated = active & ~terminated & late
         ended = terminated | truncated
         self._over = ended | ~active
         self._senses.take(users)
@@ -496,29 +566,22 @@ class Simulation:
 
     # --- saved states ------------------------------------------------------------------------
 
-    def state_dict(self) -> dict[str, NDArray[np.uint8]]:
-        """Everything the future depends on, mid-episode included: random streams, bodies, apps.
-
-        Returns:
-            ``simulation``: one array of bytes, since an app's own part is bytes.
-
-        Raises:
-            RuntimeError: some user was never reset, or the simulation is closed.
-        """
-        self._require_open()
-        everyone = range(self.n)
-        state = packed(
-            self.n,
-            {
-                "seeds": [generator.bit_generator.state for generator in self._seeds],
-                "users": [self.users.state_dict(i) for i in everyone],
-                "actions": [self.actions.state_dict(i) for i in everyone],
-                "senses": [self._senses.state_dict(i) for i in everyone],
-                "apps": [self._group.save(i, int(self._steps[i])) for i in everyone],
-                "arrays": {name: getattr(self, name).copy() for name in self._STATE_ARRAYS},
-            },
-        )
-        return {"simulation": np.frombuffer(state, np.uint8)}
+    def user_states(self) -> list[bytes]:
+        """Return the N parts of :meth:`state_dict`."""
+        return [
+            pickle.dumps(
+                {
+                    "seed": self._seeds[i].bit_generator.state,
+                    "user": self.users.state_dict(i),
+                    "actions": self.actions.state_dict(i),
+                    "senses": self._senses.state_dict(i),
+                    "app": self._group.save(i, int(self._steps[i])),
+                    "step": int(self._steps[i]),
+                    "over": bool(self._over[i]),
+                }
+            )
+            for i in range(self.n)
+        ]
 
     @property
     def exact_states(self) -> bool:
@@ -528,62 +591,36 @@ class Simulation:
         """
         return all("save" in app.capabilities for app in self.apps)
 
-    def load_state_dict(self, state: Mapping[str, ArrayLike]) -> list[int]:
-        """Continue from :meth:`state_dict` of a simulation with the same configuration and N.
-
-        Returns:
-            The users whose apps could not save their rounds; they have started new ones.
-
-        Raises:
-            ValueError: the state is of something else or of another number of users.
-            RuntimeError: an app rejects its part, or the simulation is closed.
-        """
-        self._require_open()
-        given = np.asarray(state["simulation"]).tobytes()
-        saved = unpacked(given, self.n, ("seeds", "users", "actions", "senses", "apps", "arrays"))
-        for i in range(self.n):
-            self._seeds[i].bit_generator.state = saved["seeds"][i]
-            self.users.load_state_dict(i, saved["users"][i])
-            self.actions.load_state_dict(i, saved["actions"][i])
-            if saved["apps"][i] is not None:
-                self.apps[i].load(saved["apps"][i])
-            self._senses.load_state_dict(i, saved["senses"][i])
+    def load_user_states(self, states: Sequence[bytes]) -> list[int]:
+        """Continue from the parts of a state; see :meth:`load_state_dict`."""
+        anew = []
+        for i, state in enumerate(states):
+            saved = _plain(state)
+            self._seeds[i].bit_generator.state = saved["seed"]
+            self.users.load_state_dict(i, saved["user"])
+            self.actions.load_state_dict(i, saved["actions"])
+            if saved["app"] is None:
+                anew.append(i)
+            else:
+                self.apps[i].load(saved["app"])
+            self._senses.load_state_dict(i, saved["senses"])
+            self._steps[i], self._over[i] = saved["step"], saved["over"]
         if self._mirrored is not None:
             self._mirrored.resume(self._left_handers())
-        for name in self._STATE_ARRAYS:
-            getattr(self, name)[...] = saved["arrays"][name]
-        anew = [i for i in range(self.n) if saved["apps"][i] is None]
         if anew:
             self.reset(ids=anew)
         return anew
 
-    _STATE_ARRAYS = ("_steps", "_over")
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the configuration, and the state if rounds have begun, for pickle and copy."""
-        begun = not (self._over & (self._steps == 0)).any()
-        return {
-            "config": self.resolved,
-            "n": self.n,
-            "make_app": self._make_app,
-            "state": self.state_dict() if begun else None,
-        }
-
-    def __setstate__(self, made: dict[str, Any]) -> None:
-        """Make the simulation again, with apps of its own, and continue from the state."""
-        self.__init__(made["config"], made["n"], make_app=made["make_app"])  # type: ignore[misc]
-        if made["state"] is not None:
-            self.load_state_dict(made["state"])
+    @property
+    def begun(self) -> bool:
+        """Whether every user has been reset."""
+        return not (self._over & (self._steps == 0)).any()
 
     def close(self) -> None:
         """End the apps; idempotent. Later calls raise RuntimeError."""
         self._closed = True
-        self._apps.close()
+        self._apps.beside.shutdown()
         self._group.close()
-
-    def _require_open(self) -> None:
-        if self._closed:
-            raise RuntimeError("the simulation is closed; make a new one")
 
 
 _SHARES = (0.5, 0.25, 0.25)
@@ -609,9 +646,10 @@ class AppSteps:
         self._actions, self._max_steps = actions, max_steps
         self.late_hands = LateHands(config, users.n)
         """Delayed hand poses, a sense to be watched if it has frames."""
-        self.shares = _SHARES if group.drawn_by_gpu else (1.0,)
+        self.shares: tuple[float, ...] = _SHARES if group.drawn_by_gpu else (1.0,)
         """Parts of the users to move one after the other."""
-        self._beside: ThreadPoolExecutor | None = None
+        self.beside = ThreadPoolExecutor(1, "apps")
+        """The thread that apps play in while bodies move; it begins with the first of them."""
 
     @contextmanager
     def step(
@@ -629,18 +667,8 @@ class AppSteps:
         try:
             yield one
         finally:
-            wait(one.running)
-
-    def beside(self) -> ThreadPoolExecutor:
-        """Return the thread that apps play in while bodies move."""
-        if self._beside is None:
-            self._beside = ThreadPoolExecutor(1, "apps")
-        return self._beside
-
-    def close(self) -> None:
-        """End the thread."""
-        if self._beside is not None:
-            self._beside.shutdown()
+            if one.running:
+                wait(one.running)
 
     def play(self, ids: IntArray, steps: IntArray, drawn: int | IntArray) -> IntArray:
         """Step the apps of these users; return those whose apps have answered."""
@@ -659,27 +687,24 @@ class AppSteps:
 
     def poses(self, ids: IntArray, sample: int) -> DevicePoses:
         """Return the poses of these users' devices, (K, 7); see :meth:`UserBatch.device_poses`."""
-        head, right, left = (
-            pose_to_app(*(part[ids] for part in self._users.device_poses(name, sample)))
-            if name in self._users.body.devices
-            else None
-            for name in DEVICES
-        )
-        assert head is not None  # every body wears a headset
-        return DevicePoses(head, right, left)
+        return DevicePoses(**{part: rows[:, 0] for part, rows in self._rows(ids, [sample]).items()})
 
     def step_poses(self, ids: IntArray) -> DevicePoses:
         """Return the poses of these users' devices in the F frames of the last step, (K, F, 7)."""
         frames = self._config.frames_per_step
-        samples = [self.poses(ids, k) for k in range(frames)]
-        parts = ("head", "right_controller", "left_controller")
-        stacked = {
-            name: np.stack([getattr(poses, name) for poses in samples], axis=1)
-            for name in parts
-            if getattr(samples[0], name) is not None
-        }
-        poses = DevicePoses(**stacked, **self._actions.input_rows(ids, frames))
-        return self.late_hands.late(poses, ids)
+        rows = self._rows(ids, range(frames)) | self._actions.input_rows(ids, frames)
+        return self.late_hands.late(DevicePoses(**rows), ids)
+
+    def _rows(self, ids: IntArray, samples: Sequence[int]) -> dict[str, NDArray[np.float64]]:
+        found = {}
+        for part, name in zip(
+            ("head", "right_controller", "left_controller"), DEVICES, strict=True
+        ):
+            if name in self._users.body.devices:
+                poses = [pose_to_app(*self._users.device_poses(name, k)) for k in samples]
+                rows = poses[0][:, None] if len(poses) == 1 else np.stack(poses, axis=1)
+                found[part] = rows[ids]
+        return found
 
 
 class _Step:
@@ -709,7 +734,7 @@ class _Step:
         if len(self.shares) == 1:
             self._ids = ids
         elif len(ids):
-            self.running.append(self._apps.beside().submit(self._play, ids))
+            self.running.append(self._apps.beside.submit(self._play, ids))
 
     def answered(self) -> IntArray:
         """Return the users whose apps have answered."""

@@ -14,6 +14,7 @@ from sim2vr_harness.envs.checks import checked_options, checked_seeds
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.pictures import RENDER_MODES, Views
 from sim2vr_harness.envs.resolved import ResolvedEnv
+from sim2vr_harness.envs.shards import make_simulation
 from sim2vr_harness.envs.simulation import Observation, Simulation
 from sim2vr_harness.registration import require_known
 
@@ -81,9 +82,9 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             "autoreset_mode": self.autoreset_mode,
             "render_fps": env.config.action_frequency_hz,
         }
-        self.simulation = Simulation(
-            env, num_envs, log_dir=None if log_dir is None else Path(log_dir)
-        )
+        # Images are drawn in this process.
+        make = make_simulation if render_mode is None else Simulation
+        self.simulation = make(env, num_envs, log_dir=None if log_dir is None else Path(log_dir))
         self.num_envs = num_envs
         self.single_observation_space = self.simulation.observation_space
         self.single_action_space = self.simulation.action_space

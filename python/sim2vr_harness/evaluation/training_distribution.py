@@ -40,6 +40,7 @@ def unpractised(
     ignored = {
         *(f"app.options.{key}" for key in by_condition | set(facts.evaluation_options)),
         "cores",
+        "shards",
         "user.people.seed",
         "user.people.count",
         "max_episode_seconds",

@@ -254,23 +254,28 @@ class UserBatch:
             ValueError: the action has another shape or is not finite, a wrong `pose_samples`, or
                 a pause at no substep.
         """
-        action = _checked_action(action, self.n, self.body.action_names)
+        action = checked_action(action, self.n, self.body.action_names)
         stops = _checked_stops(self.substeps, pose_samples, pauses or {})
         ids = np.flatnonzero(~self._physics.diverged)
         before = self._physics.kept(ids)
-        self._apply(np.clip(action[ids], -1.0, 1.0), ids)
+        self._apply(np.clip(action[self._physics.rows(ids)], -1.0, 1.0), ids)
         if self._head is not None:
             pos, quat = self._worn.poses("headset", -1)
             hands = self._worn.hands(-1)
             factors = self.who.head_movement[ids]
             self._head.begin(ids, (pos[ids], quat[ids]), hands[ids], factors)
         self._worn.resize(pose_samples)
-        cuts = np.round(np.cumsum(shares) * len(ids)).astype(int)
-        for begin, end in pairwise([0, *cuts[:-1], len(ids)]):
+        cuts = [round(float(cut)) for cut in np.cumsum(shares[:-1]) * len(ids)]
+        for begin, end in pairwise([0, *cuts, len(ids)]):
             part = slice(begin, end)
             self._move(ids[part], tuple(each[part] for each in before), stops, pauses or {})
-            moved(ids[part][~self._physics.diverged[ids[part]]])
-        self._update_effort(ids[~self._physics.diverged[ids]])
+            moved(self._alive(ids[part]))
+        self._update_effort(self._alive(ids))
+
+    def _alive(self, ids: IntArray) -> IntArray:
+        """Return those of these users who have not diverged."""
+        diverged = self._physics.diverged
+        return ids[~diverged[ids]] if diverged.any() else ids
 
     def _move(
         self,
@@ -280,12 +285,10 @@ class UserBatch:
         pauses: Mapping[int, Callable[[], None]],
     ) -> None:
         """Go on to the step's end; those that break are put back to where they were before."""
-        physics, diverged = self._physics, self._physics.diverged
-        done = sample = 0
+        physics, done, sample, alive = self._physics, 0, 0, ids
         for stop in stops:
-            alive = ids[~diverged[ids]]
             physics.advance(alive, stop - done)
-            done, alive = stop, alive[~diverged[alive]]
+            done, alive = stop, self._alive(alive)
             if self._head is not None:
                 self._head.reached = stop
             self._worn.copy(alive, slice(sample, None))
@@ -293,30 +296,35 @@ class UserBatch:
                 physics.copy_forces(alive)
                 pauses[stop]()
             sample += (stop * self._worn.samples) % self.substeps == 0
-        lost = diverged[ids]
-        if lost.any():
+        if len(alive) < len(ids):
+            lost = physics.diverged[ids]
             physics.put_back(ids[lost], tuple(part[lost] for part in before))
             self._worn.copy(ids[lost], slice(None))
-        physics.copy_forces(ids[~lost])
+        physics.copy_forces(alive)
 
     def _apply(self, action: FloatArray, ids: IntArray) -> None:
         """Sets the controls of these users."""
         physics = self._physics
-        memory = physics.motor[ids]
-        ctrl = self._actuation.controls(action, physics.act[ids], memory)
-        physics.motor[ids] = memory
+        rows = physics.rows(ids)
+        memory = physics.motor[rows]
+        ctrl = self._actuation.controls(action, physics.act[rows], memory)
+        physics.motor[rows] = memory
         if self.noise is not None:
             muscles = self._actuation.muscles
             ctrl[:, muscles] = self.noise.apply(ctrl[:, muscles], ids, self.who.motor_noise[ids])
-        physics.ctrl[np.ix_(ids, self._actuation.actuators)] = ctrl
+        if isinstance(rows, slice):
+            physics.ctrl[:, self._actuation.actuators] = ctrl
+        else:
+            physics.ctrl[np.ix_(rows, self._actuation.actuators)] = ctrl
 
     def _update_effort(self, ids: IntArray) -> None:
         if len(ids):
             actuators, physics = self._actuation.actuators, self._physics
+            rows = physics.rows(ids)
             # Of the strength that they have: forces count as shares of the body's peak forces.
-            force = physics.force[np.ix_(ids, actuators)] / self.who.strength[ids, None]
-            act = physics.act[np.ix_(ids, self._actuation.activations)]
-            ctrl = physics.ctrl[np.ix_(ids, actuators)]
+            force = physics.force[rows].take(actuators, axis=1) / self.who.strength[rows, None]
+            act = physics.act[rows].take(self._actuation.activations, axis=1)
+            ctrl = physics.ctrl[rows].take(actuators, axis=1)
             cost = self.effort.update(self._actuation.loads(act, force), ctrl, force, ids)
             self._cost[ids] = self.who.effort_weight[ids] * cost
 
@@ -550,7 +558,7 @@ def _require_state(state: Mapping[str, Any], expected: Mapping[str, Any]) -> Non
         raise ValueError("state simulation: got NaN or infinity, expected finite numbers")
 
 
-def _checked_action(action: ArrayLike, n: int, names: Sequence[str]) -> NDArray[np.float64]:
+def checked_action(action: ArrayLike, n: int, names: Sequence[str]) -> NDArray[np.float64]:
     """(N, A) finite actions of n users, one for each name.
 
     Raises:
@@ -566,9 +574,8 @@ def _checked_action(action: ArrayLike, n: int, names: Sequence[str]) -> NDArray[
     if not np.issubdtype(given.dtype, np.number) or np.iscomplexobj(given):
         raise ValueError(f"action: got dtype {given.dtype}, expected real numbers")
     given = given.astype(np.float64)
-    wrong = np.argwhere(~np.isfinite(given))
-    if len(wrong):
-        i, j = (int(k) for k in wrong[0])
+    if not np.isfinite(given).all():
+        i, j = (int(k) for k in np.argwhere(~np.isfinite(given))[0])
         raise ValueError(
             f"action[{i}, {j}] ({names[j]}): got {given[i, j]}, expected a finite number in [-1, 1]"
         )

@@ -20,9 +20,9 @@ _WARNINGS = {
     for warning in mujoco.mjtWarning.__members__.values()
     if warning != mujoco.mjtWarning.mjNWARNING
 }
-_BROKEN = [_WARNINGS[name] for name in ("badqpos", "badqvel", "badqacc", "badctrl")]
-"""Warnings after which the motion means nothing; the others (a nearly singular inertia, a full
-list of contacts or constraints) make it wrong, and are counted."""
+_BROKEN = slice(_WARNINGS["badqpos"], _WARNINGS["badctrl"] + 1)
+"""Warnings (of qpos, qvel, qacc, ctrl) after which the motion means nothing; the others (a nearly
+singular inertia, a full list of contacts or constraints) make it wrong, and are counted."""
 
 _POS = mujoco.mjtStage.mjSTAGE_POS.value
 _ACC = mujoco.mjtStage.mjSTAGE_ACC.value
@@ -67,6 +67,11 @@ class Physics:
         self._live_force = self.batch.bind("actuator_force")
         self.qacc, self.force = np.zeros((n, model.nv)), np.zeros((n, model.nu))
         self.diverged = np.zeros(n, dtype=bool)
+        self._warning = self.batch.warning
+
+    def rows(self, ids: IntArray) -> IntArray | slice:
+        """Return an index of these users; a slice for all, with which nothing is copied."""
+        return slice(None) if len(ids) == len(self.diverged) else ids
 
     @property
     def warnings(self) -> dict[str, IntArray]:
@@ -88,23 +93,28 @@ class Physics:
         """Goes on, and flags those that broke."""
         if len(ids) == 0:
             return
-        counts = self.batch.warning[ids][:, _BROKEN, 1].copy()
+        rows = self.rows(ids)
+        counts = self._warning[rows, _BROKEN, 1].copy()
         try:
-            self.batch.step(ids, nstep=substeps, stage=_POS)
+            everyone = len(ids) == len(self.diverged)
+            self.batch.step(None if everyone else ids, nstep=substeps, stage=_POS)
         except SimulationError as error:
             self.diverged[error.ids] = True
-        broken = (self.batch.warning[ids][:, _BROKEN, 1] != counts).any(axis=1)
-        finite = np.isfinite(self._state[ids]).all(axis=1)
-        self.diverged[ids[broken | ~finite]] = True
+        broken = (self._warning[rows, _BROKEN, 1] != counts).any(axis=1)
+        broken |= ~np.isfinite(self._state[rows]).all(axis=1)
+        if broken.any():
+            self.diverged[ids[broken]] = True
 
     def copy_forces(self, ids: IntArray) -> None:
         """Takes over accelerations and forces of the last substep."""
-        self.qacc[ids] = self._live_qacc[ids]
-        self.force[ids] = self._live_force[ids]
+        rows = self.rows(ids)
+        self.qacc[rows] = self._live_qacc[rows]
+        self.force[rows] = self._live_force[rows]
 
     def kept(self, ids: IntArray) -> tuple[FloatArray, ...]:
         """Return the state of these users for `put_back`, one row each."""
-        return self._state[ids].copy(), self.qacc[ids], self.force[ids], self.motor[ids]
+        rows = self.rows(ids)
+        return tuple(x[rows].copy() for x in (self._state, self.qacc, self.force, self.motor))
 
     def put_back(self, ids: IntArray, kept: tuple[FloatArray, ...]) -> None:
         """Restore the state of these users from `kept`."""
@@ -172,14 +182,17 @@ class WornDevices:
 
     def copy(self, ids: IntArray, sample: int | slice) -> None:
         """Takes over where everything is now, for some users."""
-        self.end_effectors[ids] = self._site_pos[np.ix_(ids, self._effectors)]
+        rows = slice(None) if len(ids) == len(self.head_pitch_deg) else ids
+        self.end_effectors[rows] = self._site_pos[rows][:, self._effectors]
         for name, site in self._sites.items():
             # The OpenXR offset is a translation, so site and body have the same orientation.
-            self._pos[name][sample, ids] = self._site_pos[ids, site]
-            self._quat[name][sample, ids] = self._body_quat[ids, self._bodies[name]]
+            self._pos[name][sample, rows] = self._site_pos[rows, site]
+            self._quat[name][sample, rows] = self._body_quat[rows, self._bodies[name]]
 
     def resize(self, samples: int) -> None:
         """Makes room for the pose samples, filled with the current pose."""
+        if samples == self.samples == 1:
+            return
         for poses in (self._pos, self._quat):
             for name, kept in poses.items():
                 poses[name] = np.repeat(kept[-1:], samples, axis=0)
@@ -204,6 +217,8 @@ class WornDevices:
         pos, quat = self._pos[name][sample].copy(), self._quat[name][sample].copy()
         if name == "headset":
             turned = ~np.isnan(self.head_pitch_deg)
+            if not turned.any():
+                return pos, quat
             half = np.radians(self.head_pitch_deg[turned]) / 2.0
             # About y, which points to the left: positive angles turn x forward downwards.
             quat[turned] = 0.0

@@ -34,3 +34,22 @@ def test_rows_of_scenes_have_hashes_that_threads_do_not_change(
     assert len(set.union(*hashes.values())) == 6
     assert bench.main(["--scene", "physic"]) == 2
     assert "--scene: got 'physic', expected one of all, physics," in capsys.readouterr().err
+
+
+def test_the_serial_share_is_that_of_amdahls_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(TOOLS))
+    from measure.scaling import scaling_lines
+
+    rows = [
+        {
+            "n": n,
+            "threads": c,
+            "variant": f"shards={k}",
+            "ratios": {"physics": 0.8 / (1 + s * (c - 1))},
+        }
+        for n in (1, 64)
+        for c, k, s in ((1, 1, 0.0), (2, 1, 0.05), (2, 2, 0.01), (4, 1, 0.05), (4, 4, 0.01))
+    ]
+    # 0.8 / 1.75, and 0.8 / (1.15 * 1.03)
+    assert scaling_lines(rows)[0].endswith("0.050 among threads, 0.010 among processes")
+    assert "0.46 x physics in one process, 0.68 in 4" in scaling_lines(rows)[2]

@@ -74,8 +74,8 @@ def test_train_ends_with_the_table_and_where_to_look_next(capsys: Any, tmp_path:
 def test_ctrl_c_saves_and_says_so(
     capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def impatient(config: Any, n: int) -> FakeSimulation:
-        simulation = FakeSimulation(config, n)
+    def impatient(config: Any, n: int, **how: Any) -> FakeSimulation:
+        simulation = FakeSimulation(config, n, **how)
         simulation.fail_at = 25
         return simulation
 

@@ -160,8 +160,8 @@ class FakeSimulation:
 
 def played_by(monkeypatch: Any, simulation: Any) -> None:
     """Let every command play on this in the place of the simulation, whoever imported it first."""
+    import sim2vr_harness.envs.shards
     import sim2vr_harness.envs.simulation
-    import sim2vr_harness.training.run.trainer
 
-    for module in (sim2vr_harness.envs.simulation, sim2vr_harness.training.run.trainer):
+    for module in (sim2vr_harness.envs.simulation, sim2vr_harness.envs.shards):
         monkeypatch.setattr(module, "Simulation", simulation)

@@ -5,6 +5,7 @@ import os
 from collections.abc import Sequence
 
 from measure.bodies import body_variants
+from measure.scaling import scaling_specs
 from measure.scene import IN_PROCESS, Spec
 from measure.senses import sense_variants
 from sim2vr_harness.base.errors import InputError, unknown_name
@@ -12,9 +13,10 @@ from sim2vr_harness.client import list_transports, transport_named
 from sim2vr_harness.runs.config import TrainingConfig
 
 USUAL = ("physics", "render", "env", "train")
-NAMES = (*USUAL, "senses", "bodies", "memory")
-"""What ``--scene`` takes; ``senses`` is ``env`` with one sense more at a time, ``bodies`` is
-``physics`` and ``env`` with every body of the game, ``memory`` has no rate."""
+NAMES = (*USUAL, "scaling", "senses", "bodies", "memory")
+"""What ``--scene`` takes; ``scaling`` is ``physics`` and ``env`` on 1, 2, 4, ... cores,
+``senses`` is ``env`` with one sense more at a time, ``bodies`` is ``physics`` and ``env`` with
+every body of the game, ``memory`` has no rate."""
 
 DEFAULT_N = 64
 _OVER_TRANSPORTS = ("render", "env")
@@ -100,6 +102,8 @@ def specs(plan: BenchPlan) -> list[Spec]:
     """The scenes to take turns, in order; ``memory`` is none of them."""
     found: list[Spec] = []
     for n in plan.n:
+        if "scaling" in plan.scenes:
+            found += scaling_specs(plan.config, n, max(plan.threads))
         for threads in plan.threads:
             for name in plan.scenes:
                 found += _specs(plan, name, n, threads)
@@ -107,7 +111,7 @@ def specs(plan: BenchPlan) -> list[Spec]:
 
 
 def _specs(plan: BenchPlan, name: str, n: int, threads: int) -> list[Spec]:
-    if name == "memory":
+    if name in ("memory", "scaling"):
         return []
     if name == "physics":
         return [Spec(name, plan.config, n, threads, transport=None)]

@@ -6,6 +6,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from measure.scaling import scaling_lines
 from measure.scene import IN_PROCESS
 
 
@@ -21,6 +22,8 @@ def print_rows(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
     width = max((len(label) for label, _ in lines), default=0)
     for label, text in lines:
         console.print(f"{label:<{width}}  {text}", highlight=False, soft_wrap=True)
+    for line in scaling_lines(rows):
+        console.print(line, highlight=False, soft_wrap=True)
     first = rows[0]
     commit = first["commit"] or f"version {first['version']}"
     console.print(

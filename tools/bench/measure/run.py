@@ -110,7 +110,8 @@ def _compared_with(row: BenchRow, other: BenchRow) -> str | None:
     if row.scene != "env" or other is row or row.n != other.n:
         return None
     if other.scene == "physics":
-        same = (row.threads, row.variant) == (other.threads, other.variant)
+        variants = {"", row.variant} if row.variant.startswith("shards=") else {row.variant}
+        same = row.threads == other.threads and other.variant in variants
         return "physics" if same else None
     if other.variant:
         return None

@@ -13,6 +13,7 @@ from measure.scene import BenchScene, Spec, actions, digest
 from measure.turns import Turn
 from sim2vr_harness.client import AppClient, DevicePoses, frame_time_ns
 from sim2vr_harness.envs.app_group import app_group
+from sim2vr_harness.envs.shards import in_this_process, make_simulation
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.training.ppo import ppo
@@ -136,7 +137,7 @@ class EnvScene(BenchScene):
     def __init__(self, spec: Spec) -> None:
         super().__init__(spec.n)
         config = spec.env()
-        self.env = SimulationVecEnv(Simulation(config, spec.n))
+        self.env = SimulationVecEnv(make_simulation(config, spec.n))
         self._stack.callback(self.env.close)
         try:
             simulation: Any = self.env.simulation
@@ -148,8 +149,10 @@ class EnvScene(BenchScene):
             self._steps = 0
             for _ in range(shared.WARM_UP_STEPS):
                 self.step()
-            states = [shared.user_state(simulation, i) for i in range(spec.n)]
-            self.state_hash = digest(states)
+            with in_this_process(simulation) as near:
+                if near is not simulation:
+                    near.load_state_dict(simulation.state_dict())
+                self.state_hash = digest([shared.user_state(near, i) for i in range(spec.n)])
             self.observation_hash = shared.observation_digest(simulation.observation())
         except BaseException:
             self.close()
@@ -176,7 +179,7 @@ class TrainScene(BenchScene):
         self.steps = small.ppo.steps_per_iteration
         self.batch_size = small.ppo.batch_size
         keep_freed_memory()
-        env = SimulationVecEnv(Simulation(spec.env(), spec.n))
+        env = SimulationVecEnv(make_simulation(spec.env(), spec.n))
         self._stack.callback(env.close)
         self.model = ppo.build(small, env)
         self.model.set_logger(silent_logger())

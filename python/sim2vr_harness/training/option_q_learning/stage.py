@@ -16,6 +16,7 @@ from sim2vr_harness.base.progress import View
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.people_preset import with_measured_body
 from sim2vr_harness.envs.resolved import ResolvedEnv
+from sim2vr_harness.envs.shards import in_this_process, make_simulation
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.play.users import baseline_reward, note_of_baselines
 from sim2vr_harness.policies.hierarchical.human_motor import HumanMotorPolicy
@@ -241,7 +242,7 @@ class QLearningStage(Stage):
             expected = f"{width} for a hierarchical policy"
             raise InputError("skills.motor_training.width", got, expected)
         env = self._before_persons.env
-        self._simulation = Simulation(env, config.q_learning.users)
+        self._simulation = make_simulation(env, config.q_learning.users)
 
     def run(self, callbacks: Callbacks) -> None:
         """Find tools, learn values, and write the user."""
@@ -256,7 +257,7 @@ class QLearningStage(Stage):
                 step_s = 1.0 / config.env.action_frequency_hz
                 policy.late_steps = seen_late_steps(people.visual_delay_s, step_s)
                 policy.manner = MEASURED
-            before = self._prepared(simulation, policy, callbacks)
+            before = self._prepared(policy, callbacks)
             learner = self._learner = OptionQLearning(
                 config.skills.q_learning,
                 simulation,
@@ -296,7 +297,7 @@ class QLearningStage(Stage):
     def _begin_persons(self, learner: OptionQLearning) -> None:
         """Let virtual participants replace the measured body, and learn from their decisions."""
         measured, config = self._simulation, self._config
-        self._simulation = Simulation(config.env, config.skills.q_learning.users)
+        self._simulation = make_simulation(config.env, config.skills.q_learning.users)
         learner.continue_with_persons(self._simulation, self._person(learner.policy))
         measured.close()
 
@@ -313,9 +314,7 @@ class QLearningStage(Stage):
         """Return the configuration of the first users: the users as set, or the measured body."""
         return self._config.model_copy(update={"env": with_measured_body(self._config.env)})
 
-    def _prepared(
-        self, simulation: Simulation, policy: HierarchicalPolicy, callbacks: Callbacks
-    ) -> dict[str, float]:
+    def _prepared(self, policy: HierarchicalPolicy, callbacks: Callbacks) -> dict[str, float]:
         """Find tools and rays of the hands; return baseline rewards per minute, less effort."""
         file, layer = self.folder / "before.pt", policy.layer
         known = read_tensors(file, "what was found before trying") if file.is_file() else {}
@@ -325,25 +324,26 @@ class QLearningStage(Stage):
             return {name: float(v) for name, v in known["earned"].items()}
         callbacks.doing("tools and baselines")
         callbacks.say("Finding tools and measuring baselines ...")
-        rays = AIM_RAYS.repeat(len(layer.hands), 1, 1)
-        if any(name.endswith(".trigger") for name in self._config.env.user.inputs):
-            rays = rays_of(simulation, layer.hands)
-        if off := apart(rays):
-            callbacks.say(f"Hands point with the page's own ray, {off} from WebXR's.")
-        wanted, tools_layer, poses = self._config.skills.tool, policy.layer, policy.poses
-        if wanted == "auto":
-            tools = find_tools(simulation, tools_layer, poses, seed=self._config.seed, rays=rays)
-        elif wanted == "none":
-            tools = [
-                Tool(np.zeros((0, 3)), "nothing, as skills.tool says") for _ in tools_layer.hands
-            ]
-        else:
-            tools = [straight_tool(wanted) for _ in tools_layer.hands]
+        rays, wanted = AIM_RAYS.repeat(len(layer.hands), 1, 1), self._config.skills.tool
+        with in_this_process(self._simulation) as seen:
+            if any(name.endswith(".trigger") for name in self._config.env.user.inputs):
+                rays = rays_of(seen, layer.hands)
+            if off := apart(rays):
+                callbacks.say(f"Hands point with the page's own ray, {off} from WebXR's.")
+            if wanted == "auto":
+                tools = find_tools(seen, layer, policy.poses, seed=self._config.seed, rays=rays)
+            elif wanted == "none":
+                tools = [
+                    Tool(np.zeros((0, 3)), "nothing, as skills.tool says") for _ in layer.hands
+                ]
+            else:
+                tools = [straight_tool(wanted) for _ in layer.hands]
         points = np.array([[tool.tip, tool.middle] for tool in tools])
         for hand, held in zip(layer.hands, tools, strict=True):
             callbacks.say(f"In the hand of {hand}: {held.why}.")
         idle, random = (
-            baseline_reward(simulation, user, self._config.seed) for user in ("still", "random")
+            baseline_reward(self._simulation, user, self._config.seed)
+            for user in ("still", "random")
         )
         earned = {"still": idle[0] - idle[1], "random": random[0] - random[1]}
         callbacks.say(

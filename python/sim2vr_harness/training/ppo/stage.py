@@ -26,7 +26,7 @@ from sim2vr_harness.base.finite import NotFinite, require_finite
 from sim2vr_harness.base.progress import View
 from sim2vr_harness.base.signals import interrupts_deferred
 from sim2vr_harness.client.errors import AppDied, AppTimeout
-from sim2vr_harness.envs.protocols import SimulationLike
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.runs.checkpoint import (
     DAMAGE,
     EXPECTED,
@@ -207,7 +207,7 @@ class PPOStage(Stage):
         config: TrainingConfig,
         folder: RunFolder,
         title: str,
-        make_simulation: Callable[[TrainingConfig], SimulationLike],
+        make_simulation: Callable[[TrainingConfig], Simulation],
         begin: Callable[[nn.Module], object],
         stop: int,
     ) -> None:

@@ -10,7 +10,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.checks import checked_options, checked_seeds, checked_users
-from sim2vr_harness.envs.protocols import SimulationLike
+from sim2vr_harness.envs.simulation import Simulation
 
 _SUMS = ("game_reward", "effort_cost")
 
@@ -30,7 +30,7 @@ class SimulationVecEnv(VecEnv):
         simulation: The users; owned by the adapter from now on.
     """
 
-    def __init__(self, simulation: SimulationLike) -> None:
+    def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
         super().__init__(simulation.n, simulation.observation_space, simulation.action_space)
         self._actions: NDArray | None = None

@@ -25,7 +25,7 @@ from sim2vr_harness.base.errors import InputError, UnusableFile
 from sim2vr_harness.base.file_lock import sole_training
 from sim2vr_harness.base.progress import duration
 from sim2vr_harness.base.torch_threads import torch_threads
-from sim2vr_harness.envs.protocols import SimulationLike
+from sim2vr_harness.envs import shards
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.games.registry import imagined_game
@@ -50,7 +50,7 @@ from sim2vr_harness.training.run.stage import (
     say_line,
 )
 
-MakeSimulation = Callable[[TrainingConfig], SimulationLike]
+MakeSimulation = Callable[[TrainingConfig], Simulation]
 """Makes the users to train with: ``config.ppo.n_envs`` of them."""
 
 
@@ -276,7 +276,8 @@ def require_memory(config: TrainingConfig) -> None:
 __all__ = ["MakeSimulation", "TrainResult", "make_simulation", "train"]
 
 CHANGEABLE = (
-    *("name", "total_timesteps", "checkpoint", "evaluation", "wandb", "device", "env.cores"),
+    *("name", "total_timesteps", "checkpoint", "evaluation", "wandb", "device"),
+    *("env.cores", "env.shards"),
     *(
         f"env.app.{key}"
         for key in (
@@ -314,9 +315,9 @@ class TrainResult:
     saved: str = ""
 
 
-def make_simulation(config: TrainingConfig) -> SimulationLike:
+def make_simulation(config: TrainingConfig) -> Simulation:
     """Make the users and apps of ``config``; the default :data:`MakeSimulation`."""
-    return Simulation(config.env, config.ppo.n_envs)
+    return shards.make_simulation(config.env, config.ppo.n_envs)
 
 
 def train(

@@ -186,7 +186,7 @@ def blind_env(env: EnvConfig) -> EnvConfig:
 
 
 class TeacherSimulation(State):
-    """N users in the form of a teacher's vector environment (``SimulationLike``).
+    """N users in the form of a teacher's vector environment.
 
     Rules and rewards are the true ones. The curriculum selects the targets that appear and the
     starts of rounds. Episodes are truncated after some time, the first ones at different times.
@@ -255,7 +255,7 @@ class TeacherSimulation(State):
         start = dict(zip(self.senses.names, first, strict=True))
         return ImaginedCondition(name, {**self.config.app.options, **options}, start)
 
-    # --- SimulationLike ------------------------------------------------------------------------
+    # --- what a simulation does -----------------------------------------------------------------
 
     def reset(
         self,

@@ -1,4 +1,4 @@
-"""The report of an audit: persons excluded from targets, reasons, and changes that include them."""
+"""The report of an audit: who is excluded from targets, reasons, and changes that include them."""
 
 import json
 import logging
@@ -77,8 +77,8 @@ _LETTER = (0.02, 0.05)
 def write(audit: Audit, out: Path, *, film: bool = True) -> list[Path]:
     """Write ``report.html``, ``report.pdf``, ``audit.json``, ``targets.png`` and ``worst.mp4``.
 
-    The PDF needs a browser. There is no film if bodies cannot be rendered, or if all persons reach
-    all targets.
+    The PDF needs a browser. There is no film if bodies cannot be rendered, or if all participants
+    reach all targets.
 
     Args:
         audit: The audit to report.
@@ -192,7 +192,7 @@ def _share(share: Mapping[str, Any]) -> str:
 
 
 def answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """Return which persons are excluded from which target, why, and what would include them."""
+    """Return who is excluded from which target, why, and what would include them."""
     rows: list[tuple[str, ...]] = []
     for target in _missed(values):
         why = next(iter(target["causes"]), "")
@@ -279,9 +279,13 @@ def _sections(
     ]
     sections.append(("Neck and eyes", [table(_NECK_HEADER, necks), _NECK]))
     if values["script"]:
-        header = ("persons", "did it", "s per step", "proportion beside", "steps not done", "why")
+        header = (
+            *("condition", "participants", "did it", "s per step", "proportion beside"),
+            *("steps not done", "why"),
+        )
         done = [
             (
+                each["condition"],
                 str(each["n"]),
                 str(each["done"]),
                 *("-" if each[key] is None else f"{each[key]:.2f}" for key in CARRIED_OUT),
@@ -335,7 +339,7 @@ _ANSWER: tuple[str, ...] = (
 )
 _SCRIPT = (
     "Virtual participants carry out the script in the app by their muscles, with their own "
-    "delays and noise. Values are means of those who did a step; a row is a condition."
+    "delays and noise. Values are means of those who did a step."
 )
 _PATHS = (
     "Torque at the shoulder of the participant of median stature who moves from one target to the "
@@ -420,7 +424,7 @@ def _spread(target: Mapping[str, Any], key: str) -> str:
 
 
 def _space(audit: Audit) -> Panel:
-    """Return the targets, the eyes and the shoulders of the person of median stature."""
+    """Return the targets, the eyes and the shoulders of the participant of median stature."""
     usable = audit.judged.usable.mean(axis=0)
     places = audit.judged.places_m[audit.middle]
     landmarks = audit.crowd.landmarks(audit.middle)
@@ -450,9 +454,9 @@ def _space(audit: Audit) -> Panel:
 
 
 def worst_case(audit: Audit) -> tuple[int, int] | None:
-    """Return person and target: the target that fewest reach, and the person with the largest miss.
+    """Return the participant who misses the target that fewest reach by most, and that target.
 
-    None: all persons reach all targets that need a hand.
+    None: all participants reach all targets that need a hand.
     """
     judged = audit.judged
     hands = np.array([each.how not in ("look", "point") for each in audit.targets])
@@ -473,7 +477,7 @@ def act_out(
     """Bring the right hand from rest to a place; return if it stays there, and its least gap, m.
 
     Args:
-        subject: The person.
+        subject: The participant.
         place: (3,) in the body's own frame, m.
         watch: Receives posture (nq,) and activations (M,) after each user step.
         posture: (J,) of the independent joints, to try; None: one is searched.
@@ -536,16 +540,16 @@ def write_film(audit: Audit, file: Path) -> Path | None:
 
 
 def write_picture(audit: Audit, file: Path) -> None:
-    """Write a picture of the person of median stature among the targets.
+    """Write a picture of the participant of median stature among the targets.
 
-    The person holds the target that most people can use. Colours and percentages show the
+    The participant holds the target that most people can use. Colours and percentages show the
     proportion of people who can use a target.
 
     Raises:
         RenderingError: No renderer is available.
     """
     person = audit.subjects[audit.middle]
-    # The drawn person is right-handed, so targets of a left-handed one are mirrored, too.
+    # The drawn participant is right-handed, so targets of a left-handed one are mirrored, too.
     places = audit.in_body(audit.middle)
     usable = audit.judged.usable.mean(axis=0)
     classes = [

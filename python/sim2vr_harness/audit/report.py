@@ -65,7 +65,7 @@ _TRUNK_M = 0.6
 _AWAY_M, _AWAY = 0.6, 1.1
 """Distance of the camera: a constant in m, plus a factor on the size of its view."""
 _AZIMUTH_DEG, _ELEVATION_DEG = 115.0, -12.0
-_PICTURE, _LEGEND, _PAPER = (1280, 960), 48, "#ffffff"
+_PICTURE, _LEGEND, _PAPER = (1280, 960), 96, "#ffffff"
 _BEHIND = (38.0, -14.0)
 """Azimuth and elevation of the picture's view: over the right shoulder, degrees."""
 VIEWS = ((-130.0, 18.0), (-60.0, 30.0))
@@ -573,12 +573,12 @@ def write_picture(audit: Audit, file: Path) -> None:
         pixels = renderer.render(body.coupled_qpos(posture), view, None, scene)
         at = renderer.project(places, view)
     image = Image.fromarray(pixels)
-    draw, font = ImageDraw.Draw(image), ImageFont.load_default(22)
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(36)
     order = np.argsort(usable, kind="stable")  # where labels share a place, the worst is named
     names = [audit.targets[i].name for i in order]
     if len(audit.subjects) >= FEWEST:
         names = [f"{n}: {100.0 * usable[i]:.0f} %" for n, i in zip(names, order, strict=True)]
-    for text, (x, y) in zip(labels_of(names, [at[order]], (11.0, 30.0)), at[order], strict=True):
+    for text, (x, y) in zip(labels_of(names, [at[order]], (18.0, 48.0)), at[order], strict=True):
         aside = 20 if x < _PICTURE[0] / 2 else -20
         box = draw.textbbox((x + aside, y), text, font, "lm" if aside > 0 else "rm")
         if text:
@@ -586,7 +586,7 @@ def write_picture(audit: Audit, file: Path) -> None:
             draw.text((x + aside, y), text, INK, font, "lm" if aside > 0 else "rm")
     draw.rectangle((0, _PICTURE[1] - _LEGEND, *_PICTURE), _PAPER)
     for k, number in enumerate(sorted(set(classes))):
-        x, y = 24 + k * _PICTURE[0] / 4, _PICTURE[1] - _LEGEND / 2
+        x, y = 24 + k % 2 * _PICTURE[0] / 2, _PICTURE[1] - _LEGEND * (0.75 - 0.5 * (k // 2))
         draw.ellipse((x - 10, y - 10, x + 10, y + 10), _CLASSES[number][2])
         draw.text((x + 20, y), _CLASSES[number][1], INK, font, "lm")
     with naming(file):

@@ -96,7 +96,7 @@ def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Aud
     )
     if request.script is None:
         return audit
-    say(f"{request.operate} persons carry out {request.script!r} ...")
+    say(f"{request.operate} virtual participants carry out {request.script!r} ...")
     asked = Request(
         conditions=request.condition,
         episodes=1,

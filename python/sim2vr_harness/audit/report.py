@@ -578,7 +578,9 @@ def write_picture(audit: Audit, file: Path) -> None:
     names = [audit.targets[i].name for i in order]
     if len(audit.subjects) >= FEWEST:
         names = [f"{n}: {100.0 * usable[i]:.0f} %" for n, i in zip(names, order, strict=True)]
-    for text, (x, y) in zip(labels_of(names, [at[order]], (18.0, 48.0)), at[order], strict=True):
+    at, side = at[order], np.where(at[order, 0] < _PICTURE[0] / 2, 1.0, -1.0)
+    middles = at + [[s * (20 + font.getlength(n) / 2), 0] for s, n in zip(side, names, strict=True)]
+    for text, (x, y) in zip(labels_of(names, [middles], (18.0, 48.0)), at, strict=True):
         aside = 20 if x < _PICTURE[0] / 2 else -20
         box = draw.textbbox((x + aside, y), text, font, "lm" if aside > 0 else "rm")
         if text:

@@ -341,6 +341,22 @@ class PyAppBatch {
     return image;
   }
 
+  py::tuple renderFrom(int app, const std::array<double, xr::kPoseRowNumbers>& pose,
+                       double vertical_fov_deg, int width, int height) {
+    const render::ImageSize size{width, height};
+    render::checkImageSize(size);
+    py::array_t<std::uint8_t> image({height, width, 4});
+    py::array_t<float> depth_m({height, width});
+    {
+      const std::span<std::uint8_t> rgba(image.mutable_data(), size.pixels() * 4);
+      const std::span<float> depth(depth_m.mutable_data(), size.pixels());
+      const py::gil_scoped_release release;
+      batch().app(app).renderFrom(xr::poseFromRow(pose.data()), vertical_fov_deg, size, rgba,
+                                  depth);
+    }
+    return py::make_tuple(image, depth_m);
+  }
+
   ShownColumns shown(int app) const { return shownColumns(batch().app(app).shown()); }
   MeshArrays shownMesh(int app, int number) const {
     return meshArrays(batch().app(app).shownMesh(number));
@@ -463,6 +479,10 @@ void bindAppBatch(py::module_& module) {
            py::arg("width"), py::arg("height"),
            "An app's last frame from 'headset', 'recorder' or 'spectator', (height, width, 4) "
            "uint8.")
+      .def("render_from", &PyAppBatch::renderFrom, py::arg("app"), py::arg("pose"),
+           py::arg("vertical_fov_deg"), py::arg("width"), py::arg("height"),
+           "An app's last frame from a pose x y z, x y z w of its frame, without what stands for "
+           "the player: (height, width, 4) uint8, and (height, width) float32 depth in m.")
       .def("shown", &PyAppBatch::shown, py::arg("app"),
            "What an app's last frame holds and shows, K rows: paths, objects (K,), layers (K,), "
            "meshes (K,) with -1 for none, poses (K, 7), scales (K, 3), colours (K, 4) sRGB and "

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 
 #include "sim2vr/core/archive.hpp"
 #include "sim2vr/core/errors.hpp"
@@ -20,6 +21,8 @@ namespace sim2vr::runtime {
 namespace {
 
 constexpr std::string_view kStateFormat = "sim2vr app state 2";
+constexpr double kUnitTolerance = 1e-3;
+constexpr double kWidest_deg = 180.0;
 
 xr::SessionSettings sessionSettings(const AppSettings& app) {
   const render::ImageSize size = app.headset_size;
@@ -42,7 +45,7 @@ Capabilities capabilitiesOf(const rl::Game& game) {
   Capabilities all{Capability::save,   Capability::views,           Capability::frames,
                    Capability::inputs, Capability::left_controller, Capability::haptics,
                    Capability::sounds, Capability::head_request,    Capability::two_eyes,
-                   Capability::scene};
+                   Capability::scene,  Capability::observers};
   if (!game.privilegedNames().empty()) all.insert(Capability::privileged);
   return all;
 }
@@ -248,6 +251,24 @@ const render::Camera& App::camera(View view) const {
 
 void App::renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba) {
   renderer_->render(round("renderView").scene, camera(view), size, rgba);
+}
+
+void App::renderFrom(const Pose& app_T_observer, double vertical_fov_deg, render::ImageSize size,
+                     std::span<std::uint8_t> rgba, std::span<float> depth_m) {
+  const render::Camera& head = camera(View::headset);
+  const bool placed = app_T_observer.isFinite() &&
+                      std::abs(app_T_observer.rotation.norm() - 1.0) < kUnitTolerance &&
+                      vertical_fov_deg > 0.0 && vertical_fov_deg < kWidest_deg;
+  if (!placed) {
+    throw InvalidArgument("observer", "another pose or angle of view",
+                          "a finite pose with a unit quaternion and an angle between 0 and 180");
+  }
+  const double up = std::tan(vertical_fov_deg * std::numbers::pi / 360.0);
+  const double right = up * size.width / size.height;
+  const render::EyeView eye{head.transform().pose().inverse() * app_T_observer, -right, right, -up,
+                            up};
+  const render::ViewRequest request{round("renderFrom").scene, head, size, rgba, eye, depth_m};
+  renderer_->renderBatch(std::span(&request, 1));
 }
 
 std::vector<render::Shown> App::shown() { return render::shownBy(round("shown").scene, meshes_); }

@@ -7,9 +7,9 @@
 namespace sim2vr::runtime {
 namespace {
 
-constexpr std::array<std::string_view, 11> kCapabilityNames{
-    "save",         "views",    "frames",     "inputs", "left_controller", "haptics", "sounds",
-    "head_request", "two_eyes", "privileged", "scene"};
+constexpr std::array<std::string_view, 12> kCapabilityNames{
+    "save",   "views",        "frames",   "inputs",     "left_controller", "haptics",
+    "sounds", "head_request", "two_eyes", "privileged", "scene",           "observers"};
 
 bool atRest(const xr::ControllerState& hand) {
   return hand.trigger == 0.0F && hand.squeeze == 0.0F && hand.thumbstick.x == 0.0F &&
@@ -112,6 +112,11 @@ std::optional<double> LockstepApp::headRequest(const RoundStart&) const {
 
 void LockstepApp::renderView(View, render::ImageSize, std::span<std::uint8_t>) {
   throw Unsupported(Capability::views);
+}
+
+void LockstepApp::renderFrom(const Pose&, double, render::ImageSize, std::span<std::uint8_t>,
+                             std::span<float>) {
+  throw Unsupported(Capability::observers);
 }
 
 std::vector<render::Shown> LockstepApp::shown() { throw Unsupported(Capability::scene); }

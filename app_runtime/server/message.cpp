@@ -124,7 +124,15 @@ std::vector<std::uint8_t> drawPicture(runtime::LockstepApp& app, const PictureRe
         "a picture of 64 MiB at most");
   }
   std::vector<std::uint8_t> pixels(4 * request.size.pixels());
-  app.renderView(view, request.size, pixels);
+  if (!request.observer) {
+    app.renderView(view, request.size, pixels);
+    return pixels;
+  }
+  std::vector<float> depth_m(request.size.pixels());
+  app.renderFrom(xr::poseFromRow(request.observer->data()), request.observer->back(), request.size,
+                 pixels, depth_m);
+  const auto* depths = reinterpret_cast<const std::uint8_t*>(depth_m.data());
+  pixels.insert(pixels.end(), depths, depths + depth_m.size() * sizeof(float));
   return pixels;
 }
 

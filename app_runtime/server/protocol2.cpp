@@ -194,7 +194,7 @@ std::uint32_t decodeApp(const char* frame, std::string_view bytes) {
 }
 
 PictureRequest decodeRender(Frames body) {
-  checkFrames(body, 2, "render");
+  if (body.size() != 3) checkFrames(body, 2, "render");
   const Json json = parseJson(body[1], "render");
   const JsonFields fields(json, "render");
   fields.expectOnly({"app", "view", "width", "height"});
@@ -205,6 +205,10 @@ PictureRequest decodeRender(Frames body) {
       static_cast<int>(fields.integer("width", request.size.width, 1, render::kMaxImageEdge));
   request.size.height =
       static_cast<int>(fields.integer("height", request.size.height, 1, render::kMaxImageEdge));
+  if (body.size() == 3) {
+    checkSize("render observer", body[2], sizeof(*request.observer));
+    Reader(body[2]).take(request.observer.emplace());
+  }
   return request;
 }
 

@@ -44,6 +44,10 @@ class AppBatch:
         """
         Goes on from saved bytes; EngineError for damaged or foreign ones. The app's rows of images, vision, privileged and logs are its own again.
         """
+    def render_from(self, app: typing.SupportsInt | typing.SupportsIndex, pose: typing.Annotated[collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(7)"], vertical_fov_deg: typing.SupportsFloat | typing.SupportsIndex, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> tuple:
+        """
+        An app's last frame from a pose x y z, x y z w of its frame, without what stands for the player: (height, width, 4) uint8, and (height, width) float32 depth in m.
+        """
     def render_view(self, app: typing.SupportsInt | typing.SupportsIndex, view: str, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
         """
         An app's last frame from 'headset', 'recorder' or 'spectator', (height, width, 4) uint8.

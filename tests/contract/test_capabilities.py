@@ -16,6 +16,7 @@ from sim2vr_harness.client import (
     AppUnsupported,
     DevicePoses,
     HapticPulse,
+    Observer,
     frame_time_ns,
     input_named,
 )
@@ -113,6 +114,29 @@ def test_two_eyes(transport: str) -> None:
         far.reset(9, moments[0])
         far.load(state)
         np.testing.assert_array_equal(far.image, near.image)
+
+
+@pytest.mark.parametrize("name", transports.TRANSPORTS)
+def test_an_observer_looks_from_anywhere(name: str) -> None:
+    """From 1 m before the middle of a ball of 20 cm its front is 80 cm away."""
+    with make(name, "sample") as app:
+        app.reset(3, at_rest(sweeper(0)), BIG_BALL)
+        if name == "protocol1":
+            with pytest.raises(AppUnsupported, match=r"^observers: "):
+                app.observe(())
+            return
+        (ball,) = app.scene().named("Ball")
+        x, y, z = ball.pose[:3]
+        place = (x, y, z - 1.0, 0.0, 0.0, 0.0, 1.0)
+        app.observe([Observer(33, 33, place, 60.0), Observer(24, 16)])
+        before, head = app.observed()
+        assert before.depth_m is not None
+        assert before.depth_m[16, 16] == pytest.approx(0.8, abs=0.005)
+        assert np.isinf(before.depth_m[0]).all()
+        np.testing.assert_array_equal(head.rgb, app.render_headset(24, 16)[..., :3])
+        app.observe([Observer(33, 33, (*place[:3], 0.0, 0.0, 0.0, 2.0), 60.0)])
+        with pytest.raises(ValueError, match="observer"):
+            app.observed()
 
 
 @pytest.mark.parametrize("drawn", [0, 1])

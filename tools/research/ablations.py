@@ -3,7 +3,7 @@
 The persons are those of a run of ``train APP --people``. Their action values stay as they were
 learned; a mechanism is taken away while they play. Persons and seeds are the same in every row.
 
-    python tools/research/ablations.py RUN --persons 6 --measures points
+    python tools/research/ablations.py RUN --people 6 --measures points
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def main() -> None:
     """Print a row of measures for each ablation."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path)
-    parser.add_argument("--persons", type=int, default=6)
+    parser.add_argument("--people", type=int, default=6)
     parser.add_argument("--seed", type=int, default=7, help="of the persons and rounds")
     parser.add_argument("--condition", help="of the game")
     parser.add_argument("--measures", nargs="+", required=True)
@@ -96,10 +96,10 @@ def main() -> None:
                 conditions=[given.condition] if given.condition else [],
                 episodes=1,
                 seed=given.seed,
-                people=given.persons,
+                people=given.people,
                 steps=False,
                 out=Path(folder) / "out",
-                batch=given.persons,
+                batch=given.people,
                 overrides=[*given.set, *ablation.settings],
             )
             summary = next(iter(evaluate(given.run, request).summaries.values()))

@@ -3,7 +3,7 @@
 
 Persons and places are drawn; a pair agrees if both or neither bring the hand within 2 cm.
 
-    python tools/research/audit_agreement.py [--persons N] [--places N] [--seed N] [--csv FILE]
+    python tools/research/audit_agreement.py [--people N] [--places N] [--seed N] [--csv FILE]
 
 A run that was ended goes on after the last line of its CSV.
 """
@@ -32,11 +32,11 @@ FIELDS = (
 
 def play(given: argparse.Namespace, file: Path) -> None:
     """Write a line per pair."""
-    crowd = Crowd(draw(given.persons, given.seed), "seated", NONE)
+    crowd = Crowd(draw(given.people, given.seed), "seated", NONE)
     rng = np.random.default_rng(given.seed)
-    count = given.persons * given.places
+    count = given.people * given.places
     places = LOW + rng.random((count, 3)) * (HIGH - LOW)
-    persons = np.repeat(np.arange(given.persons), given.places)
+    persons = np.repeat(np.arange(given.people), given.places)
     right = np.zeros(count, dtype=bool)
     solved = crowd.solve(Rows(persons, right, places, np.full(count, BALANCE.near_m)))
     done = len(file.read_text(encoding="utf-8").splitlines()) - 1 if file.exists() else 0
@@ -77,7 +77,7 @@ def cause(row: dict[str, float]) -> str:
 def main() -> None:
     """Play what is left, then print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--persons", type=int, default=40)
+    parser.add_argument("--people", type=int, default=40)
     parser.add_argument("--places", type=int, default=25)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--csv", default="agreement.csv")

@@ -3,7 +3,7 @@
 Nothing is learned: the hand always goes to what is red. Prints how far the place that a hand goes
 to is from the target, and how trials end.
 
-    python tools/research/sight.py --persons 6 --seconds 30 --vigour 36
+    python tools/research/sight.py --people 6 --seconds 30 --vigour 36
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def _target(app: Any) -> np.ndarray:
 
 def played(given: argparse.Namespace, *, fovea: bool) -> str:
     """Play, and return a row of a table."""
-    config, n = _config(fovea=fovea), given.persons
+    config, n = _config(fovea=fovea), given.people
     policy = PersonPolicy(config)
     policy.human.take(human_policy_for(config.env.user, policy.layer.step_s).weights())
     policy.together, policy.draws = n, np.random.default_rng(given.seed)
@@ -84,7 +84,7 @@ def played(given: argparse.Namespace, *, fovea: bool) -> str:
 def main() -> None:
     """Print a row for each."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--persons", type=int, default=6)
+    parser.add_argument("--people", type=int, default=6)
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--vigour", type=float, default=36.0)
     parser.add_argument("--seed", type=int, default=500)

@@ -59,7 +59,7 @@ Say = Callable[[str], None]
 _PARTS = 4
 """In which everyone's targets are judged."""
 _PART = 10
-"""Divisor of the number of persons that are judged with each limitation, at least
+"""Divisor of the number of participants that are judged with each limitation, at least
 :data:`FEWEST`."""
 _TWO_HANDED = "mobl_arms_bimanual"
 """Looks at games that are played with both hands."""
@@ -96,7 +96,7 @@ def population_audit(request: AuditRequest, say: Say = lambda text: None) -> Aud
     )
     if request.script is None:
         return audit
-    say(f"{request.operate} persons carry out {request.script!r} ...")
+    say(f"{request.operate} virtual participants carry out {request.script!r} ...")
     asked = Request(
         conditions=request.condition,
         episodes=1,
@@ -162,7 +162,7 @@ def user_reach(request: AuditRequest, say: Say = lambda text: None) -> Measured:
 
 
 def posture_endurance(request: AuditRequest) -> list[list[Held]]:
-    """Return how each arm of each person holds the posture of a request.
+    """Return how each arm of each participant holds the posture of a request.
 
     Args:
         request: With ``user`` and ``pose``.
@@ -212,7 +212,7 @@ def limitations_of(stance: str, recline_deg: float) -> tuple[Limitation, ...]:
 
 
 def limited_persons(people: int) -> int:
-    """Return how many of an audit's persons are judged with each limitation."""
+    """Return how many of an audit's participants are judged with each limitation."""
     return min(people, max(FEWEST, people // _PART))
 
 
@@ -233,7 +233,7 @@ def run(
     Args:
         title: Name of the audited app or list.
         targets: At least one.
-        people: Persons of the population.
+        people: Participants of the population.
         seed: Of the population.
         stance: Of everyone.
         recline_deg: By how much everyone's trunk leans back.

@@ -319,7 +319,7 @@ class Measured:
         volume: the cells that can be reached.
         targets: the requested places, in the world.
         verdicts: one for each of them.
-        people: (N, T) margins of N persons at the targets, m; see :func:`people_margins`.
+        people: (N, T) margins of N participants at the targets, m; see :func:`people_margins`.
     """
 
     body: Body
@@ -371,7 +371,7 @@ def measure(
 
     Args:
         targets: Places to judge; those that follow the head are at their place at rest.
-        people: As of :class:`Measured`; None: no persons.
+        people: As of :class:`Measured`; None: no participants.
         cell_m: Edge of the cells that the room is divided into.
 
     Raises:
@@ -424,19 +424,19 @@ def people_margins(
     look: Callable[[ResolvedEnv, int], Sequence[Target]],
     seed: int = 1,
 ) -> FloatArray:
-    """Measure the margins of persons at places, each with their own body and targets.
+    """Measure the margins of participants at places, each with their own body and targets.
 
     Args:
         env: User and app.
         point: The point that has to reach the places.
         places: Of the average user.
-        people: Number of persons; they are those of an evaluation with the same number.
-        look: Finds the targets of a person by its number.
+        people: Number of participants; they are those of an evaluation with the same number.
+        look: Finds the targets of a participant by its number.
         seed: Of the population.
 
     Returns:
-        (N, T) margin of each person at each place, see :class:`Verdict`; NaN if the person's
-        rounds did not have the place.
+        (N, T) margin of each participant at each place, see :class:`Verdict`; NaN if the
+        participant's rounds did not have the place.
 
     Raises:
         InputError: ``people`` is not positive.
@@ -471,7 +471,7 @@ def margin_words(margin_m: float) -> str:
 def told(found: Measured) -> list[str]:
     """Return lines on the reach: its volume, its extent along the axes, and each target.
 
-    For a target with persons, for example: ``9 of 10 people, at worst outside by 2.5 cm``.
+    For a target with participants, for example: ``9 of 10 people, at worst outside by 2.5 cm``.
     """
     lines = [_caption(found)]
     for name, low, high in zip(("right", "up", "ahead"), *found.extent_m, strict=True):

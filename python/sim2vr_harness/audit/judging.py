@@ -1,4 +1,4 @@
-"""Judge for each person and target whether it is seen, reached and held, and the exertion."""
+"""Judge for each participant and target whether it is seen, reached and held, and the exertion."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _TRUNK_MOTORS = ("trunk_flexion", "trunk_bending", "trunk_rotation")
 
 @dataclass(frozen=True)
 class GripSettings:
-    """The force that keeps a thing in the hand, and how long a person has it."""
+    """The force that keeps a thing in the hand, and how long a participant has it."""
 
     man_kg: float = 51.0
     woman_kg: float = 31.0
@@ -59,7 +59,7 @@ GRIP = GripSettings()
 
 
 def grip_share(subject: Subject, target: Target, limitation: Limitation) -> float:
-    """Return the grip force that a target requires as a share of a person's strength.
+    """Return the grip force that a target requires as a share of a participant's strength.
 
     An object between palm and fingers is pressed from two sides. The controller's own weight is not
     included.
@@ -86,19 +86,19 @@ def can_grip(share: ArrayLike, hold_s: float) -> Bools:
 
 @dataclass
 class Judged:
-    """Verdicts on N persons and T targets.
+    """Verdicts on N participants and T targets.
 
     Attributes:
-        limitation: Of all persons.
+        limitation: Of all participants.
         seen, reached, held: (N, T) True if the target is seen, reached, held.
         feasible: (N, T) True if the model's own muscles bring the hand there and hold it. If they
-            do not, the model excludes the person. True if nothing was searched.
+            do not, the model excludes the participant. True if nothing was searched.
         leans: (N, T) True if the trunk is needed to reach.
         one_hand: (N, T) True if at least one hand reaches.
         needed_m: (N, T, 3) shift of the target after which the hand reaches it: right, up, ahead.
         places_m: (N, T, 3) positions of the targets: right, up, ahead.
         gaze: (3, N, T) results of :func:`gaze`; 0 if nothing was searched.
-        grip_share: (N, T) grip force as a share of the person's; 0 if nothing is gripped.
+        grip_share: (N, T) grip force as a share of the participant's; 0 if nothing is gripped.
         exertion: (9, N, T) results of :func:`hold`; NaN: not reached.
         postures: (N, T, J) of the independent joints; NaN: not reached.
         paced: (N, T) minutes until exhaustion at the app's pace, by model; empty: the pace is
@@ -122,7 +122,7 @@ class Judged:
 
     @classmethod
     def joined(cls, parts: Sequence[Judged]) -> Judged:
-        """Return verdicts of the same persons on the targets of several parts."""
+        """Return verdicts of the same participants on the targets of several parts."""
         joined: dict[str, Any] = {
             each.name: np.concatenate(
                 [getattr(part, each.name) for part in parts],
@@ -139,7 +139,7 @@ class Judged:
 
     @property
     def usable(self) -> Bools:
-        """(N, T) whether the person can use the target."""
+        """(N, T) whether the participant can use the target."""
         return np.asarray(self.seen & self.reached & self.held)
 
     @property
@@ -260,11 +260,11 @@ def judge(
     *,
     muscles: bool = False,
 ) -> Judged:
-    """Judge every person of a crowd on every target.
+    """Judge every participant of a crowd on every target.
 
     Args:
-        crowd: The persons.
-        limitation: Of all persons.
+        crowd: The participants.
+        limitation: Of all participants.
         pace: Uses of a target in a minute; None: not known.
         muscles: Whether to search for postures that the model's own muscles hold.
     """
@@ -427,7 +427,7 @@ def hold(
 
     Shares of the strength of muscles, of published strength and of the trunk; torque at the
     shoulder (Nm) and angles of shoulder and elbow (degrees); minutes until exhaustion by
-    :data:`MODELS`. A weaker person's muscles are activated more in proportion: activations are
+    :data:`MODELS`. A weaker participant's muscles are activated more in proportion: activations are
     relative to their strength.
     """
     factor, model = limitation.strength, subject.body.physics_model

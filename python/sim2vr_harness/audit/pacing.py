@@ -107,9 +107,9 @@ def path_loads(
     published strength in the posture in which they act.
 
     Args:
-        subject: The person.
+        subject: The participant.
         postures: (J,) each.
-        limitation: Of the person.
+        limitation: Of the participant.
     """
     body, strength = subject.body, subject.shoulder(limitation)
     dynamics = ArmDynamics(body.physics_model, arms_of(body)[0])

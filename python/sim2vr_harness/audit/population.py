@@ -1,4 +1,4 @@
-"""The simulated population of an audit: persons, groups and limitations, with sources."""
+"""The simulated population of an audit: participants, groups and limitations, with sources."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from sim2vr_harness.users.people import TRAITS
 
 MODEL = "mobl_arms_wrist"
 FEWEST = 30
-"""Fewest persons of a group that is judged."""
+"""Fewest participants of a group that is judged."""
 _BANDS = (("below P25", 0.0, 25.0), ("P25 to P75", 25.0, 75.0), ("above P75", 75.0, 101.0))
 GROUPS = (
     *(
@@ -28,7 +28,7 @@ GROUPS = (
     ),
     "left-handed",
 )
-"""Of the sampled persons; stature by percentile of the same sex."""
+"""Of the sampled participants; stature by percentile of the same sex."""
 LEFT_HANDED = 0.106
 Stance = Literal["seated", "standing"]
 
@@ -40,7 +40,7 @@ _HALF_WRIST = {"flexion": (-22.5, 22.5), "deviation": (-5.0, 12.5), "pro_sup": (
 
 @dataclass(frozen=True)
 class Limitation:
-    """Something in which the same persons differ from themselves in the headline.
+    """Something in which the same participants differ from themselves in the headline.
 
     Attributes:
         name: Of the group.
@@ -104,12 +104,12 @@ LIMITATIONS: tuple[Limitation, ...] = (
 
 @dataclass(frozen=True)
 class Subject:
-    """A person of an audit.
+    """A participant of an audit.
 
     Attributes:
         person: Traits.
         man: Whether the traits are drawn from men's distributions.
-        percentile: Of the stature among persons of the same sex.
+        percentile: Of the stature among participants of the same sex.
         user: Right-handed, with a trunk that leans.
         strength: For published strength of shoulders, relative to the median of the sex.
         recline_deg: By how much the trunk leans back about the hips.
@@ -124,7 +124,7 @@ class Subject:
 
     @cached_property
     def body(self) -> Body:
-        """The person's own body, upright; gravity is as the reclined trunk has it."""
+        """The participant's own body, upright; gravity is as the reclined trunk has it."""
         body, leans = ResolvedEnv.of_user(self.user).body, np.radians(self.recline_deg)
         if leans:
             down = body.physics_model.opt.gravity[2]
@@ -147,7 +147,7 @@ class Subject:
 
 
 def draw(people: int, seed: int, recline_deg: float = 0.0) -> list[Subject]:
-    """Draw the first persons of a seed, who lean back by an angle."""
+    """Draw the first participants of a seed, who lean back by an angle."""
     settings = PeopleSettings(
         seed=seed,
         count=people,
@@ -174,7 +174,7 @@ class Group:
     """Persons of the main population with a common property.
 
     Attributes:
-        members: (M,) numbers of the persons.
+        members: (M,) numbers of the participants.
     """
 
     name: str

@@ -109,7 +109,7 @@ def posture_of(body: Body, text: str) -> FloatArray:
 
 
 def who_hold(user: UserConfig, people: int | None) -> list[tuple[UserConfig, Strength | None]]:
-    """Return the user alone, or as many persons of its population, with their strength.
+    """Return the user alone, or as many participants of its population, with their strength.
 
     Raises:
         InputError: Another number of people than 1 to 200.
@@ -165,7 +165,7 @@ def plain(held: Held) -> dict[str, object]:
 
 
 def told(arms: Sequence[Held], load_kg: float) -> list[str]:
-    """Return lines on the same arm of one or several persons."""
+    """Return lines on the same arm of one or several participants."""
     first = arms[0]
     many = f", {len(arms)} participants: median (least to most)" if len(arms) > 1 else ""
     shares = [np.inf if arm.share is None else arm.share for arm in arms]
@@ -391,7 +391,7 @@ class BalanceSettings:
     """Torque that may stay unbalanced."""
     swing_nm: float = 12.0
     """Torque that may be lacking on the way, for which the arm's swing compensates. Fitted to
-    simulated reaches of 290 pairs of a person and a place (docs/evidence/audit.md)."""
+    simulated reaches of 290 pairs of a participant and a place (docs/evidence/audit.md)."""
     place_m: float = 0.01
     """Distance that counts as much as one unit of unbalanced torque."""
     unit: float = 10.0

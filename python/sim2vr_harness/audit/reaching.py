@@ -1,8 +1,8 @@
-"""Postures that bring persons' hands, or the rays from them, to places: many pairs at once.
+"""Postures that bring participants' hands, or the rays from them, to places: many pairs at once.
 
-A row is a person, a side and a place. Bodies are right-handed; a left hand is reached with by the
-mirror image of the place. The arm alone is tried first, then with the trunk. Of the postures found
-the one with the least torque at the shoulder counts.
+A row is a participant, a side and a place. Bodies are right-handed; a left hand is reached with by
+the mirror image of the place. The arm alone is tried first, then with the trunk. Of the postures
+found the one with the least torque at the shoulder counts.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ _ELEVATIONS_DEG = (5.0, 45.0, 80.0)
 
 @dataclass(frozen=True)
 class Rows:
-    """Pairs of a person and a place.
+    """Pairs of a participant and a place.
 
     Attributes:
-        persons: (B,) numbers of persons.
+        persons: (B,) numbers of participants.
         mirrored: (B,) True if the left hand is used.
         places: (B, 3) MuJoCo's world, m.
         close_m: (B,) distance that counts as near.
@@ -99,11 +99,11 @@ class Solved:
 
 
 class Crowd:
-    """Bodies of persons under a limitation, prepared for reaching.
+    """Bodies of participants under a limitation, prepared for reaching.
 
     Args:
-        subjects: The persons.
-        stance: Of persons whose limitation does not set one.
+        subjects: The participants.
+        stance: Of participants whose limitation does not set one.
         limitation: Of all of them.
     """
 
@@ -144,7 +144,7 @@ class Crowd:
         self._samples: dict[tuple[bool, bool], tuple[FloatArray, cKDTree]] = {}
 
     def places(self, target: Target, persons: Ints) -> FloatArray:
-        """(B, 3) where a target is for persons, MuJoCo's world, m."""
+        """(B, 3) where a target is for participants, MuJoCo's world, m."""
         place = np.repeat(position_to_mujoco(target.place_m)[None], len(persons), axis=0)
         return place + self.heads[persons] if target.from_head else place
 
@@ -166,7 +166,7 @@ class Crowd:
         return vectors if self._axes is None else vectors @ self._axes
 
     def hand(self, person: int, angles: FloatArray) -> FloatArray:
-        """(3,) where a posture (J,) brings a person's right hand, in the body's own frame, m."""
+        """(3,) where a posture (J,) brings a right hand, in the body's own frame, m."""
         linkage = self._hands[person]
         place: FloatArray = linkage.place(
             angles[[self._joints.index(joint) for joint in linkage.joints]][None]
@@ -306,7 +306,7 @@ def _samples(hand: Linkage, trunk: bool, straight: bool) -> tuple[FloatArray, cK
     """Return random postures within the limits, and the positions of the hand in them.
 
     Args:
-        hand: Of one person.
+        hand: Of one participant.
         trunk: Whether the trunk leans in them.
         straight: Whether wrist and forearm are near their middle.
     """

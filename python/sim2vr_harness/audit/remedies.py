@@ -16,7 +16,7 @@ GOAL = 0.95
 _LEAST_M = 0.005
 _SIDES = (("left", "right"), ("down", "up"), ("back", "ahead"))
 _SAMPLE = 20
-"""Sample for the search of shifts; all persons confirm the one that is found."""
+"""Sample for the search of shifts; all participants confirm the one that is found."""
 _STEP_M, _STEP_SHARE, _FARTHEST_M = 0.02, 0.08, 1.5
 _LOADS_KG = (10.0, 7.5, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0, 0.5, 0.0)
 _GRIPS_N = (300.0, 200.0, 150.0, 100.0, 75.0, 50.0, 30.0, 20.0, 10.0, 5.0)
@@ -83,7 +83,7 @@ def usable_at(
     *,
     hold: bool = True,
 ) -> Bools:
-    """Return (B,) whether persons can use a target at places (B, 3), MuJoCo's world, m.
+    """Return (B,) whether participants can use a target at places (B, 3), MuJoCo's world, m.
 
     ``hold``: whether they have to hold the posture, too.
     """
@@ -150,7 +150,7 @@ def _shift(
     everyone = np.arange(len(crowd.subjects))
     sample = everyone[:_SAMPLE]
     here = crowd.places(target, everyone)
-    # (D, 3) unit vectors: along axes and between them, and the mean of what persons need.
+    # (D, 3) unit vectors: along axes and between them, and the mean of what participants need.
     steps = np.array(
         [each for each in product((-1.0, 0.0, 1.0), repeat=3) if 0 < sum(map(abs, each)) < 3]
     )
@@ -188,9 +188,9 @@ def _shift(
 
 _ANY = Limitation("any")
 _QUICK_MISSES = 0.03
-"""Proportion of persons that the quick search may miss."""
+"""Proportion of participants that the quick search may miss."""
 _CONFIRMED = 6
-"""Directions of a length that all persons try."""
+"""Directions of a length that all participants try."""
 
 
 def _confirmed(
@@ -198,7 +198,7 @@ def _confirmed(
 ) -> float:
     """Return the share of people who can use the target there, holding included.
 
-    All persons are computed only if a sample of them can.
+    All participants are computed only if a sample of them can.
     """
     share = 0.0
     for count in (_SAMPLE, len(here)):

@@ -1,4 +1,4 @@
-"""The report of an audit: persons excluded from targets, reasons, and changes that include them."""
+"""The report of an audit: who is excluded from targets, reasons, and changes that include them."""
 
 import json
 import logging
@@ -65,7 +65,7 @@ _TRUNK_M = 0.6
 _AWAY_M, _AWAY = 0.6, 1.1
 """Distance of the camera: a constant in m, plus a factor on the size of its view."""
 _AZIMUTH_DEG, _ELEVATION_DEG = 115.0, -12.0
-_PICTURE, _LEGEND, _PAPER = (1280, 960), 48, "#ffffff"
+_PICTURE, _LEGEND, _PAPER = (1280, 960), 96, "#ffffff"
 _BEHIND = (38.0, -14.0)
 """Azimuth and elevation of the picture's view: over the right shoulder, degrees."""
 VIEWS = ((-130.0, 18.0), (-60.0, 30.0))
@@ -77,8 +77,8 @@ _LETTER = (0.02, 0.05)
 def write(audit: Audit, out: Path, *, film: bool = True) -> list[Path]:
     """Write ``report.html``, ``report.pdf``, ``audit.json``, ``targets.png`` and ``worst.mp4``.
 
-    The PDF needs a browser. There is no film if bodies cannot be rendered, or if all persons reach
-    all targets.
+    The PDF needs a browser. There is no film if bodies cannot be rendered, or if all participants
+    reach all targets.
 
     Args:
         audit: The audit to report.
@@ -192,7 +192,7 @@ def _share(share: Mapping[str, Any]) -> str:
 
 
 def answers(values: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """Return which persons are excluded from which target, why, and what would include them."""
+    """Return who is excluded from which target, why, and what would include them."""
     rows: list[tuple[str, ...]] = []
     for target in _missed(values):
         why = next(iter(target["causes"]), "")
@@ -279,9 +279,13 @@ def _sections(
     ]
     sections.append(("Neck and eyes", [table(_NECK_HEADER, necks), _NECK]))
     if values["script"]:
-        header = ("persons", "did it", "s per step", "proportion beside", "steps not done", "why")
+        header = (
+            *("condition", "participants", "did it", "s per step", "proportion beside"),
+            *("steps not done", "why"),
+        )
         done = [
             (
+                each["condition"],
                 str(each["n"]),
                 str(each["done"]),
                 *("-" if each[key] is None else f"{each[key]:.2f}" for key in CARRIED_OUT),
@@ -335,7 +339,7 @@ _ANSWER: tuple[str, ...] = (
 )
 _SCRIPT = (
     "Virtual participants carry out the script in the app by their muscles, with their own "
-    "delays and noise. Values are means of those who did a step; a row is a condition."
+    "delays and noise. Values are means of those who did a step."
 )
 _PATHS = (
     "Torque at the shoulder of the participant of median stature who moves from one target to the "
@@ -420,7 +424,7 @@ def _spread(target: Mapping[str, Any], key: str) -> str:
 
 
 def _space(audit: Audit) -> Panel:
-    """Return the targets, the eyes and the shoulders of the person of median stature."""
+    """Return the targets, the eyes and the shoulders of the participant of median stature."""
     usable = audit.judged.usable.mean(axis=0)
     places = audit.judged.places_m[audit.middle]
     landmarks = audit.crowd.landmarks(audit.middle)
@@ -450,9 +454,9 @@ def _space(audit: Audit) -> Panel:
 
 
 def worst_case(audit: Audit) -> tuple[int, int] | None:
-    """Return person and target: the target that fewest reach, and the person with the largest miss.
+    """Return the participant who misses the target that fewest reach by most, and that target.
 
-    None: all persons reach all targets that need a hand.
+    None: all participants reach all targets that need a hand.
     """
     judged = audit.judged
     hands = np.array([each.how not in ("look", "point") for each in audit.targets])
@@ -473,7 +477,7 @@ def act_out(
     """Bring the right hand from rest to a place; return if it stays there, and its least gap, m.
 
     Args:
-        subject: The person.
+        subject: The participant.
         place: (3,) in the body's own frame, m.
         watch: Receives posture (nq,) and activations (M,) after each user step.
         posture: (J,) of the independent joints, to try; None: one is searched.
@@ -536,16 +540,16 @@ def write_film(audit: Audit, file: Path) -> Path | None:
 
 
 def write_picture(audit: Audit, file: Path) -> None:
-    """Write a picture of the person of median stature among the targets.
+    """Write a picture of the participant of median stature among the targets.
 
-    The person holds the target that most people can use. Colours and percentages show the
+    The participant holds the target that most people can use. Colours and percentages show the
     proportion of people who can use a target.
 
     Raises:
         RenderingError: No renderer is available.
     """
     person = audit.subjects[audit.middle]
-    # The drawn person is right-handed, so targets of a left-handed one are mirrored, too.
+    # The drawn participant is right-handed, so targets of a left-handed one are mirrored, too.
     places = audit.in_body(audit.middle)
     usable = audit.judged.usable.mean(axis=0)
     classes = [
@@ -569,12 +573,14 @@ def write_picture(audit: Audit, file: Path) -> None:
         pixels = renderer.render(body.coupled_qpos(posture), view, None, scene)
         at = renderer.project(places, view)
     image = Image.fromarray(pixels)
-    draw, font = ImageDraw.Draw(image), ImageFont.load_default(22)
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(36)
     order = np.argsort(usable, kind="stable")  # where labels share a place, the worst is named
     names = [audit.targets[i].name for i in order]
     if len(audit.subjects) >= FEWEST:
         names = [f"{n}: {100.0 * usable[i]:.0f} %" for n, i in zip(names, order, strict=True)]
-    for text, (x, y) in zip(labels_of(names, [at[order]], (11.0, 30.0)), at[order], strict=True):
+    at, side = at[order], np.where(at[order, 0] < _PICTURE[0] / 2, 1.0, -1.0)
+    middles = at + [[s * (20 + font.getlength(n) / 2), 0] for s, n in zip(side, names, strict=True)]
+    for text, (x, y) in zip(labels_of(names, [middles], (18.0, 48.0)), at, strict=True):
         aside = 20 if x < _PICTURE[0] / 2 else -20
         box = draw.textbbox((x + aside, y), text, font, "lm" if aside > 0 else "rm")
         if text:
@@ -582,7 +588,7 @@ def write_picture(audit: Audit, file: Path) -> None:
             draw.text((x + aside, y), text, INK, font, "lm" if aside > 0 else "rm")
     draw.rectangle((0, _PICTURE[1] - _LEGEND, *_PICTURE), _PAPER)
     for k, number in enumerate(sorted(set(classes))):
-        x, y = 24 + k * _PICTURE[0] / 4, _PICTURE[1] - _LEGEND / 2
+        x, y = 24 + k % 2 * _PICTURE[0] / 2, _PICTURE[1] - _LEGEND * (0.75 - 0.5 * (k // 2))
         draw.ellipse((x - 10, y - 10, x + 10, y + 10), _CLASSES[number][2])
         draw.text((x + 20, y), _CLASSES[number][1], INK, font, "lm")
     with naming(file):

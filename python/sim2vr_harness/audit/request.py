@@ -13,7 +13,7 @@ _MOST_PEOPLE = 10_000
 
 @dataclass(frozen=True, kw_only=True)
 class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
-    """The targets of an audit, and its persons.
+    """The targets of an audit, and its participants.
 
     Attributes:
         app: Settings of ``env.app`` that the options of pages and programs mean.

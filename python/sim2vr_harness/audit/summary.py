@@ -20,7 +20,7 @@ from sim2vr_harness.statistics.intervals import wilson_interval
 
 
 def cause(judged: Judged, target: Target, person: int, column: int) -> str | None:
-    """Return why a person cannot use a target; None: it can be used."""
+    """Return why a participant cannot use a target; None: it can be used."""
     place, needed = judged.places_m[person, column], judged.needed_m[person, column]
     if not judged.seen[person, column]:
         return "behind" if place[2] < 0.0 else "out of view"
@@ -63,7 +63,7 @@ Requirements, that it concerns."""
 
 
 def causes(judged: Judged, target: Target, column: int, members: Ints) -> dict[str, int]:
-    """Return how many of some persons are excluded by each cause, the most frequent first."""
+    """Return how many of some participants are excluded by each cause, the most frequent first."""
     found = (cause(judged, target, int(person), column) for person in members)
     counts = Counter(each for each in found if each is not None)
     return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
@@ -77,7 +77,7 @@ MEASURES = tuple(f"{part}.{kind}" for part in _PARTS for kind in ("min", "mean")
 
 @dataclass(frozen=True)
 class AuditPath:
-    """A movement of the person of median stature from one target to the next.
+    """A movement of the participant of median stature from one target to the next.
 
     Attributes:
         start, end: Names of targets.
@@ -99,14 +99,14 @@ class Audit:
         seed, stance: Of the population.
         pace: Uses of a target in a minute.
         targets: T of them.
-        crowd: The persons.
+        crowd: The participants.
         judged: Of everyone.
         groups: Of everyone.
-        limited: The same persons with limitations, by group.
+        limited: The same participants with limitations, by group.
         remedies: (T,) changes that would include 95 %; None if 95 % are included.
-        middle: Number of the person of median stature.
+        middle: Number of the participant of median stature.
         paths: Its movements from target to target.
-        script: What some persons did in the app; empty: nothing.
+        script: What some participants did in the app; empty: nothing.
         rounds: Of each of them, and of each condition.
     """
 
@@ -127,7 +127,7 @@ class Audit:
 
     @property
     def subjects(self) -> Sequence[Subject]:
-        """The persons."""
+        """The participants."""
         return self.crowd.subjects
 
     def in_body(self, person: int, places: FloatArray | None = None) -> FloatArray:
@@ -152,7 +152,7 @@ class Audit:
 
 
 def proportion(successes: int, n: int) -> dict[str, float | int | None]:
-    """Return a proportion with Wilson's interval; of too few persons, only their number."""
+    """Return a proportion with Wilson's interval; of too few participants, only their number."""
     if n < FEWEST:
         return {"n": n, "share": None, "low": None, "high": None}
     low, high = wilson_interval(successes, n)
@@ -205,7 +205,7 @@ CARRIED_OUT = ("step_time", "step_misses", "steps_failed")
 
 
 def _carried_out(rounds: Sequence[Round], condition: str) -> dict[str, Any]:
-    """Return how many persons did a script in a condition, their means, and why others did not."""
+    """Return how many did a script in a condition, their means, and why others did not."""
     own = [each for each in rounds if each.condition == condition]
     done = [each for each in own if (each.values["steps_done"] or 0.0) > 0.0]
     means = {name: [each.values[name] for each in done] for name in CARRIED_OUT}
@@ -253,7 +253,7 @@ def _target(audit: Audit, column: int) -> dict[str, Any]:
 
 
 def _gaze(gaze: FloatArray) -> dict[str, Any]:
-    """Return 5 %, 50 % and 95 % of persons of (3, N), and for how many the neck bears little."""
+    """Return 5 %, 50 % and 95 % of (3, N), and for how many the neck bears little."""
     low, high = EASY_RAISED_DEG
     easy = int(((gaze[1] >= low) & (gaze[1] <= high)).sum())
     names = ("rotation_deg", "elevation_deg", "share_of_neck_strength")
@@ -262,7 +262,7 @@ def _gaze(gaze: FloatArray) -> dict[str, Any]:
 
 
 def _exertion(judged: Judged, column: int) -> dict[str, Any]:
-    """Return 5 %, 50 % and 95 % of the persons who reach the target; null: too weak, or unlimited.
+    """Return 5 %, 50 % and 95 % of those who reach the target; null: too weak, or unlimited.
 
     All are null and ``n`` is 0 if no one reaches it.
     """

@@ -78,12 +78,12 @@ class TargetSettings(Settings):
     object: str | None = None
     """Or the name of an object of the page, which is where it is as the session begins."""
     relative_to: Literal["world", "head"] = "world"
-    """``head``: `place` is measured from where each person's head is."""
+    """``head``: `place` is measured from where each participant's head is."""
     how: How = "touch"
     """``touch``, ``press``, ``grab``: the controller gets there; ``point``: its ray does; ``look``:
     it only has to be seen."""
     hand: Hand = "either"
-    """``preferred``: the hand that the person prefers; ``both``: both hands at once."""
+    """``preferred``: the hand that the participant prefers; ``both``: both hands at once."""
     hold_s: float = Field(default=1.0, ge=0.0, le=3600.0)
     """Time for which the posture is held, s."""
     load_kg: float = Field(default=0.0, ge=0.0, le=50.0)
@@ -320,7 +320,7 @@ def seen_targets(
             object has appeared for this time.
         seed: Of the first round.
         rounds: Number of rounds to watch.
-        person: Number of the person, if users are people.
+        person: Number of the participant, if users are people.
         still: True: without a pattern, small objects above the floor that do not move count, too.
 
     Raises:

@@ -130,6 +130,7 @@ class AppClient(ABC):
     """Name of the app's kind in errors."""
     gaze: Float32Array = np.zeros(2, np.float32)
     """(2,) middle of :attr:`fovea` in the next drawn frame, right and up, m at a depth of 1 m."""
+    _observers: tuple[Observer, ...] = ()
 
     @property
     @abstractmethod
@@ -305,11 +306,26 @@ class AppClient(ABC):
         raise self._without("scene")
 
     def observe(self, observers: Sequence[Observer]) -> None:
-        """Draw these views as well from the next step on; none: only the user's."""
-        raise self._without("observers")
+        """Draw these views as well, at the latest from the next step on; none: only the user's."""
+        self.require("observers")
+        self._observers = tuple(observers)
 
     def observed(self) -> tuple[Observed, ...]:
         """Return the observers' pictures of the last frame; empty if the app drew none."""
+        self.require("observers")
+        found = []
+        for one in self._observers:
+            if one.pose is None:
+                found.append(Observed(self.render_headset(one.width, one.height)[..., :3], None))
+                continue
+            rgba, depth_m = self._render_from(one)
+            # The renderer's limit is the same as nothing.
+            nothing = rgba[..., 3] == 255
+            found.append(Observed(rgba[..., :3], np.where(nothing, np.inf, depth_m)))
+        return tuple(found)
+
+    def _render_from(self, observer: Observer) -> tuple[UInt8Array, Float32Array]:
+        """Return the last frame from elsewhere, (h, w, 4) with depth as alpha, and depths, m."""
         raise self._without("observers")
 
     def save(self) -> bytes:

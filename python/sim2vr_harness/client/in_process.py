@@ -30,7 +30,7 @@ from sim2vr_harness.client.base import (
     plain_options,
 )
 from sim2vr_harness.client.runtime import checked_seed, list_games, load_runtime
-from sim2vr_harness.client.scene import AppScene, SceneMesh
+from sim2vr_harness.client.scene import AppScene, Observer, SceneMesh
 
 _DEVICE_ROWS = ("head", "left_controller", "right_controller", "left_inputs", "right_inputs")
 """Fields of DevicePoses in the order of the extension's arguments."""
@@ -444,6 +444,16 @@ class InProcessBatchApp(AppClient):
         self.require("views")
         image: UInt8Array = self.batch.native.render_view(self._index, view, width, height)
         return image
+
+    def _render_from(self, observer: Observer) -> tuple[UInt8Array, Float32Array]:
+        drawn: tuple[UInt8Array, Float32Array] = self.batch.native.render_from(
+            self._index,
+            observer.pose,
+            observer.vertical_fov_deg,
+            observer.width,
+            observer.height,
+        )
+        return drawn
 
     def scene(self) -> AppScene:
         self.require("scene")

@@ -35,6 +35,7 @@ from sim2vr_harness.client.base import (
     AppClient,
     AppReply,
     ClockSettings,
+    Float32Array,
     Int64Array,
     OptionValue,
     ThirdPersonView,
@@ -59,7 +60,7 @@ from sim2vr_harness.client.poses import (
     tracked_devices,
 )
 from sim2vr_harness.client.runtime import checked_seed
-from sim2vr_harness.client.scene import AppScene, SceneMesh, SceneObject
+from sim2vr_harness.client.scene import AppScene, Observer, SceneMesh, SceneObject
 from sim2vr_harness.client.shared_images import map_images
 
 # --- bytes ---------------------------------------------------------------------------------------
@@ -277,6 +278,17 @@ class Protocol2App(AppClient):
         data = self._ask(Type.RENDER, json.dumps(wanted).encode())
         with self._reading("a view"):
             return np.frombuffer(data, np.uint8).reshape(height, width, 4)
+
+    def _render_from(self, observer: Observer) -> tuple[UInt8Array, Float32Array]:
+        width, height = observer.width, observer.height
+        wanted = {"app": self._index, "width": width, "height": height}
+        assert observer.pose is not None
+        place = np.array([*observer.pose, observer.vertical_fov_deg], "<f8").tobytes()
+        data = self._ask(Type.RENDER, json.dumps(wanted).encode(), place)
+        with self._reading("a view"):
+            rgba = np.frombuffer(data, np.uint8, 4 * width * height).reshape(height, width, 4)
+            depth_m = np.frombuffer(data, "<f4", offset=rgba.size).reshape(height, width)
+            return rgba, depth_m
 
     def scene(self) -> AppScene:
         """Return the scene of the last frame; the server sends each mesh only once."""

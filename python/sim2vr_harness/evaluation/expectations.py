@@ -305,7 +305,7 @@ def _moments(estimate: Estimate) -> Moments | None:
 
 
 def of_evaluation(summaries: Mapping[str, Mapping[str, Any]]) -> Results:
-    """Return the estimates of an evaluation's summaries, over persons where persons differ."""
+    """Return the estimates of an evaluation's summaries, over participants where they differ."""
     return {condition: _of_summary(summary) for condition, summary in summaries.items()}
 
 

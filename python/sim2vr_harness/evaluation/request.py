@@ -13,7 +13,7 @@ class Plays(ChangedEnvironment, TrustedApp):
     """Rounds to play; None takes the value of the run's configuration.
 
     Attributes:
-        people: How many persons (``env.user.people``, docs/concepts/people.md) play
+        people: How many participants (``env.user.people``, docs/concepts/people.md) play
             ``episodes`` rounds per condition each; None: as in the training.
         app: Settings that replace those of ``env.app``, for example another executable.
     """

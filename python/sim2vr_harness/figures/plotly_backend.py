@@ -18,7 +18,7 @@ from sim2vr_harness.figures.figure import (
     keys_of,
 )
 
-_HEIGHT, _HEIGHT_IN_SPACE, _ROW, _GROUP_ROW = 300, 460, 17, 34
+_HEIGHT, _HEIGHT_IN_SPACE, _ROW = 300, 460, 17
 _HEIGHT_NAMED, _FARTHER = 640, 1.15
 """In space with names beside places, which need room: height, and the camera's distance."""
 _SLANTED = 60
@@ -162,7 +162,9 @@ def _layout(panel: Panel) -> dict[str, Any]:
     if panel.rows:
         height = max(180, 112 + _ROW * panel.rows)
     elif panel.flipped:
-        height = max(180, 80 + _GROUP_ROW * len(panel.categories))
+        names = [_in_lines(name, _NAME_LETTERS) for name in panel.categories]
+        lines = max(2, *(1 + name.count("<br>") for name in names))
+        height = max(180, 80 + _ROW * lines * len(names))
     layout: dict[str, Any] = {
         "height": height,
         "font": {"family": "system-ui, sans-serif", "size": 12},

@@ -150,7 +150,7 @@ def _beside(report: ComparisonReport) -> Figure | None:
     names = [row_name(first, report) for first, _ in rows]
     panel = Panel(
         "", layers, "", "people's range: 0 to 1", ticks=names, legend=True,
-        y_range=(-_BEYOND, 1 + _BEYOND),
+        y_range=(-_BEYOND - 0.2, 1.2 + _BEYOND),  # whole dots at the ends
     )  # fmt: skip
     caption = (
         "A dot on the grey bar lies between the lowest (0) and the highest (1) of the recorded "

@@ -44,7 +44,7 @@ class ExertionRecorder(Watcher):
     """Follows the arms of N users through their rounds; a body without an arm has no values of it.
 
     Torques are those of inverse dynamics at the end of a user step, with the mean acceleration of
-    the step. The published strength is that of the person's sex, times the person's strength
+    the step. The published strength is that of the participant's sex, times the own strength
     relative to the median of that sex.
     """
 

@@ -79,9 +79,8 @@ class PlainLooks:
 class BodyPainter:
     """Draws the bodies of a simulation's users in what their apps show, and their headset views.
 
-    An app with observers (a page) draws both views itself in the steps to come, and the body is put
-    into its picture by depth. Of other apps the objects are drawn around the body; apps that do not
-    report their scene (protocol 1) leave it alone in its room.
+    An app with observers draws both views itself, pages in the steps to come, and the body is put
+    into its picture by depth. Other apps leave it alone in its room.
 
     Args:
         simulation: Whose users to draw.
@@ -115,18 +114,18 @@ class BodyPainter:
             looks = PlainLooks(looks, (width, height), shadows=not fast)
         self._renderer = UserRenderer(looks, width, height)
         for app in self._observing:
-            app.observe((self._renderer.observer("play", *size), Observer(*headset)))
+            # Pages send pictures as PNG: larger ones would take long.
+            own = (width, height) if "views" in app.capabilities else size
+            app.observe((self._renderer.observer("play", *own), Observer(*headset)))
 
     def draw(self, index: int) -> tuple[Picture, Picture]:
         """Return user ``index``, with muscles coloured by activation, and its headset view."""
         users, app = self._simulation.users, self._simulation.apps[index]
         observed = app.observed() if app in self._observing else ()
-        drawn = not observed and "scene" in app.capabilities
         picture: Picture = self._renderer.render(
             users.qpos[index],
-            camera="play" if observed or drawn else "third_person",
+            camera="play" if observed else "third_person",
             activations=users.act[index],
-            scene=app.scene() if drawn else None,
             behind=observed[0] if observed else None,
         )
         if self._scale > 1:

@@ -23,7 +23,7 @@ class Job:
         episode: Number within the condition, from 0.
         seed: Seed of body, game and policy.
         options: The condition's options of the game.
-        person: Number of the person who plays it; None: drawn by the seed, if users differ.
+        person: Number of the participant who plays it; None: drawn by the seed, if users differ.
     """
 
     condition: str
@@ -57,9 +57,9 @@ def jobs_for(
 
     Args:
         conditions: To be played.
-        episodes: Rounds per condition, and per person.
+        episodes: Rounds per condition, and per participant.
         seed: Of the first round.
-        people: How many persons play them, one after the other; None: drawn by the seeds.
+        people: How many participants play them, one after the other; None: drawn by the seeds.
     """
     players = [None] if people is None else range(people)
     rounds = [person for person in players for _ in range(episodes)]

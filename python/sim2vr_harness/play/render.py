@@ -84,8 +84,7 @@ def snapshot(
     if out.exists() and not out.is_dir():
         raise InputError("--out", f"{str(out)!r}, which is a file", "a folder")
     who = SimulatedUser.find(user)
-    env = who.env(app, overrides, game=game, trust_app=trust_app)
-    env = who.with_person(env, person, seed, overrides)
+    env = who.env(app, overrides, game=game, trust_app=trust_app, person=person, seed=seed)
     who.require_contract(env)
     facts = env.facts
     title = round_title(facts, condition or facts.condition_of(env.config.app.options))
@@ -151,8 +150,7 @@ class _Seat:
         trust_app: bool,
     ) -> None:
         user = SimulatedUser.find(run)
-        env = user.env(app, overrides, game=game, trust_app=trust_app)
-        env = user.with_person(env, person, seed, overrides)
+        env = user.env(app, overrides, game=game, trust_app=trust_app, person=person, seed=seed)
         user.require_contract(env)
         self.facts = env.facts
         self.condition = condition or self.facts.condition_of(env.config.app.options)

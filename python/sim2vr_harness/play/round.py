@@ -105,11 +105,11 @@ class Round:
         log: The game's last log.
         log_folder: Where the game's CSV logs of the round are, relative to the results; None
             without.
-        person: The person who played, field by field (``users.Person``); None where all users are
-            the same.
+        person: The participant who played, field by field (``users.Person``); None where all users
+            are the same.
         fatigue_parts: Measures of fatigue that are of a body part, not of a muscle.
         script: What the steps of a scripted user did.
-        excluded: Why a person could do no step of the script; empty: it did some.
+        excluded: Why a participant could do no step of the script; empty: it did some.
     """
 
     condition: str
@@ -129,7 +129,7 @@ class Round:
     def with_values(self, values: Mapping[str, float | None]) -> Round:
         """Return the round with more measures.
 
-        None has a value where the app failed or the person was excluded.
+        None has a value where the app failed or the participant was excluded.
         """
         known = {
             key: None if self.ended == "app_failed" or self.excluded else _finite(value)
@@ -212,9 +212,9 @@ def round_result(
 def summarise(rounds: Sequence[Round], facts: GameFacts) -> dict[str, Any]:
     """Return mean and standard deviation (ddof 1) of every number over rounds, or over people.
 
-    Where users are people who differ, a number's value of a person is the mean of that person's
+    Where users are people who differ, a number's value of a participant is the mean of the own
     rounds, and mean and deviation are over the ``persons``: rounds of
-    one person are no independent samples of people.
+    one participant are no independent samples of people.
 
     A share such as ``hit_rate`` is the mean of the rounds' shares, as in the study;
     ``hit_rate_pooled`` divides the sums. Rounds without a number (no hit, no hit speed) are left
@@ -268,7 +268,7 @@ def summarise(rounds: Sequence[Round], facts: GameFacts) -> dict[str, Any]:
 
 
 def _by_person(rounds: Sequence[Round]) -> list[list[Round]]:
-    """The rounds of each person; nothing where users are all the same."""
+    """The rounds of each participant; nothing where users are all the same."""
     groups: dict[int | None, list[Round]] = {}
     for result in rounds:
         if result.person is None:

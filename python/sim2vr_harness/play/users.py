@@ -68,7 +68,7 @@ COMFORT_MEASURES = tuple(
     )
 )
 SCRIPT_MEASURES = (*STEP_MEASURES, *PERSON_MEASURES, *COMFORT_MEASURES)
-"""Of a script; all but the first two are means over the steps that a person has done in a round."""
+"""Of a script; all but the first two are means over the steps that were done in a round."""
 
 BASELINE_S = 6.0
 """Duration of the idle and of the random baseline, s: a few targets of a game."""
@@ -115,6 +115,8 @@ class SimulatedUser:
         game: str | None = None,
         trust_app: bool = False,
         file: str | Path | None = None,
+        person: int | None = None,
+        seed: int | None = None,
     ) -> ResolvedEnv:
         """Return the environment that it plays in; see :func:`.evaluation_env`.
 
@@ -124,6 +126,8 @@ class SimulatedUser:
             game: Another game than the configuration's.
             trust_app: Whether the app that the user names may be started, though you never have.
             file: That says so, of a user without training; None: this user has typed it.
+            person: Number, from 0, of the virtual participant who plays; None: as it says.
+            seed: Of the virtual participants.
 
         Raises:
             InputError: They do not go together, or name a program that this user has never started.
@@ -131,7 +135,8 @@ class SimulatedUser:
         if self.trained is not None:
             source = self.source
             env = evaluation_env(self.config, app, overrides, source=source, trust_app=trust_app)
-            return self.trained.env.sharing(env.config).with_game(game)
+            env = self.trained.env.sharing(env.config).with_game(game)
+            return env if person is None else self.with_people(env, person + 1, seed, overrides)
         # Read as one: what is not set follows from the app and its task.
         for override in overrides:
             if not override.lstrip().startswith("env."):
@@ -141,6 +146,8 @@ class SimulatedUser:
         if file is not None:
             require_trust(env.config, file, trust=trust_app)
         env = with_inputs(env.with_game(game).without_training(overrides), self.name)
+        if person is not None:
+            return self.with_people(env, person + 1, seed, overrides)
         return env if env.config.user.people is None else self.with_people(env)
 
     def with_people(
@@ -150,10 +157,10 @@ class SimulatedUser:
         seed: int | None = None,
         overrides: Sequence[str] = (),
     ) -> ResolvedEnv:
-        """Return its environment with so many persons of a seed; None: as it says.
+        """Return its environment with so many participants of a seed; None: as it says.
 
-        A script is carried out by the human motor policy of persons, with the hands and heads that
-        it was trained with.
+        A script is carried out by the human motor policy of participants, with the hands and heads
+        that it was trained with.
         """
         if not is_script(self.name) or self.trained is not None:
             return env if count is None else with_people(env, count, seed or 0, overrides)
@@ -161,12 +168,6 @@ class SimulatedUser:
         if user.people is not None and seed is not None:
             user = user.model_copy(update={"people": user.people.model_copy(update={"seed": seed})})
         return env.changed(user=user)
-
-    def with_person(
-        self, env: ResolvedEnv, number: int | None, seed: int, overrides: Sequence[str] = ()
-    ) -> ResolvedEnv:
-        """Return its environment with the first persons of a seed, up to a number from 0."""
-        return env if number is None else self.with_people(env, number + 1, seed, overrides)
 
     def require_contract(self, env: ResolvedEnv) -> None:
         """Refuse an environment that it cannot play in; without training it plays in any.
@@ -212,7 +213,7 @@ class _Script(ScriptedPolicy, Watcher):
     """A script that adds to each round what its steps did."""
 
     def measured(self, index: int, result: Round) -> Round:
-        """Add the outcomes of the steps, how many were done, and why a person could do none."""
+        """Add the outcomes of the steps, how many were done, and why none could be done."""
         steps, people = self.episodes[index].ended(), result.person is not None
         done = [step for step in steps if step.done]
         counts: dict[str, float | None] = {

@@ -1,4 +1,4 @@
-"""Comparisons of a study's conditions; n counts persons or trainings, never rounds of one user."""
+"""Comparisons of a study's conditions; n counts participants or trainings, never rounds."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -39,8 +39,8 @@ def independent(study: StudyConfig, factor: str, levels: Sequence[str]) -> bool:
     """Return whether the units of these levels are independent samples.
 
     Units are independent if the levels differ in the user or in the training, even where the seeds
-    are equal. They are not independent if persons are the units, because the same persons play all
-    levels, or if one user plays all levels.
+    are equal. They are not independent if participants are the units, because they
+    play all levels, or if one user plays all levels.
     """
     if study.people is not None:
         return False

@@ -1,7 +1,7 @@
 """The effects battery: published effects, and what a simulated user shows of them.
 
-A folder of YAML files. Each one lets persons reach, or is a study, and names the effects that its
-numbers are compared with.
+A folder of YAML files. Each one lets participants reach, or is a study, and names the effects that
+its numbers are compared with.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from sim2vr_harness.training.motor_control.aimed_movements import measure_moveme
 FloatArray = NDArray[np.float64]
 _EXPECTED = "effects in YAML, a mapping of keys to values"
 _RESAMPLES = 400
-"""Of persons, for intervals of what is not a mean over persons."""
+"""Of participants, for intervals of what is not a mean over participants."""
 
 
 class Reaches(Settings):
@@ -66,7 +66,7 @@ class EffectConfig(Settings):
 
 
 class EffectsConfig(Settings):
-    """Effects that the same persons are measured for."""
+    """Effects that the same participants are measured for."""
 
     name: str
     game: str | None = None
@@ -102,8 +102,8 @@ class EffectResult:
         sign: Published sign.
         published: Published interval of the size.
         value: Size in the simulated user; NaN if it was not measured.
-        interval: 95 % interval of the value over persons; None: unknown.
-        n: Number of persons.
+        interval: 95 % interval of the value over participants; None: unknown.
+        n: Number of participants.
         note: Reason why it was not measured.
     """
 
@@ -241,7 +241,7 @@ def _of_reaches(
         seed=reaches.seed,
         on_progress=on_progress,
     )
-    # Summaries of persons drawn with replacement.
+    # Summaries of participants drawn with replacement.
     rng = np.random.default_rng([reaches.seed, 71])
     rows = np.arange(reaches.persons * reaches.repeats).reshape(reaches.persons, -1)
     drawn = rng.integers(reaches.persons, size=(_RESAMPLES, reaches.persons))

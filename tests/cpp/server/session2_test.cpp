@@ -88,7 +88,7 @@ TEST(Session2, HelloSaysWhatThereIs) {
   EXPECT_EQ(about["facts"], Json::parse(games::gameFactsJson("sample")));
   EXPECT_EQ(about["capabilities"],
             (Json{"save", "views", "frames", "inputs", "left_controller", "haptics", "sounds",
-                  "head_request", "two_eyes", "scene"}));
+                  "head_request", "two_eyes", "scene", "observers"}));
 }
 
 TEST(Session2, AnswersAtOnceWhenTheServerIsAskedToEnd) {

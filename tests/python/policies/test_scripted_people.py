@@ -108,6 +108,15 @@ def test_the_short_and_the_weak_are_excluded_with_the_reason(
         assert (found.summaries["keypad"]["step_time"] is None) == excluded
 
 
+def test_a_ball_that_jumps_away_when_it_is_touched_is_no_miss() -> None:
+    """A point of the game is a touch; the ball is elsewhere when the step ends."""
+    found = play("touch Ball", "env.app.game=sample", people=2)
+    for result in found.rounds:
+        touched = [step for step in result.script if "Points" in step.changed]
+        assert len(touched) > 1
+        assert not [step.step for step in touched if step.missed]
+
+
 def test_an_entry_is_repeated_until_a_number_changes(tmp_path: Path) -> None:
     script = tmp_path / "script.yaml"
     script.write_text("- {do: press 3 1 1.5 by ray, until: Errors}\n- {do: point lit}\n")

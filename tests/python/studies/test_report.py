@@ -77,6 +77,8 @@ def test_the_answer_names_the_levels_with_the_lowest_and_the_highest_mean(
         "clear difference."
     )
     assert headline(replace(asked, comparisons=[height])).startswith("Sparks shows no clear diff")
+    some = replace(asked, comparisons=[{**sparks, "units": 10}])
+    assert headline(some).endswith("(3.00 V), for 8 of 10 virtual participants.")
 
 
 def test_comparisons_say_what_n_is_and_why_there_is_no_p(source: ReportSource) -> None:

@@ -21,8 +21,8 @@ class StepOutcome:
         arrived_s: Seconds until the hand or its ray was on the place and stayed there.
         gap_m: Of a touch: distance from the place on arrival, or the least one without arrival.
         angle_deg: By ray: angle between the ray and the place, in the same way.
-        time_s: Seconds until the inputs were operated, or until the arrival; for a person from the
-            previous press, which may have spawned the target, else from the start of the step.
+        time_s: Seconds until the inputs were operated, or until the arrival; for a participant from
+            the previous press, which may have spawned the target, else from the start of the step.
         missed: Whether hand or ray were beside the object at that time, by more than half its
             width, and a touched one did not react.
         head_deg: At that time: how far the head is bent forward and turned aside, and the angle

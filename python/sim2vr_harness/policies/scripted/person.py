@@ -1,4 +1,4 @@
-"""Hands of virtual participants: scripted users who move by the human motor policy as persons."""
+"""Hands of virtual participants: scripted users who move by the human motor policy."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 _TOGETHER = 8
 """Persons whose matrices are multiplied together: always so many, so that the last bits of a
-person's movement do not depend on how many others play."""
+participant's movement do not depend on how many others play."""
 _LEAST_M = 0.4
 """Rays of places that are nearer to the hand turn as if these were so far away."""
 _BEFORE_M, _BEHIND_M = 0.025, 0.03
@@ -30,12 +30,12 @@ radius of the middle, and ends behind it by the second. Both together are less t
 
 
 class PersonHand(Hand):
-    """A hand that a person moves: the motor policy decides when it is there."""
+    """A hand that a participant moves: the motor policy decides when it is there."""
 
     width_m = WIDTH_M
     """Width of the target, m."""
     new = over = False
-    """Flags: the place is a new target; the person considers the movement finished."""
+    """Flags: the place is a new target; the participant considers the movement finished."""
     _target: FloatArray | None = None
     _facing: FloatArray | None = None
     _in_front = _pushes = False
@@ -116,10 +116,10 @@ class PersonHand(Hand):
 
 
 class PersonMotor:
-    """Moves the persons of a simulation by the human motor policy of their body.
+    """Moves the participants of a simulation by the human motor policy of their body.
 
     Args:
-        simulation: Of N persons.
+        simulation: Of N participants.
 
     Raises:
         InputError: No human motor policy ships for the body.
@@ -147,7 +147,7 @@ class PersonMotor:
         """(N, B) actions of the bodies; each hand learns whether its movement is over.
 
         Args:
-            hands: N, which each person moves.
+            hands: N, which each participant moves.
             rngs: N, draw the ends of movements; None: they end when that is the likelier.
         """
         who = self.policy.persons.of(self._simulation)
@@ -168,7 +168,7 @@ class PersonMotor:
         return np.concatenate(actions)
 
     def _goals(self, hands: Sequence[PersonHand]) -> MotorGoals:
-        """Return the goals of a part's persons; hands that go for nothing rest."""
+        """Return the goals of a part's participants; hands that go for nothing rest."""
         goals = MotorGoals.none(_TOGETHER, len(self.policy.hands))
         for i, hand in enumerate(hands):
             if hand.place is not None:

@@ -1,8 +1,8 @@
 """A user that follows a script: it touches, points, presses and grabs, by its muscles.
 
-Where users are people, each of them does so as a person (:mod:`~.person`): it sees late, takes time
-to recognise a target, and decides by itself, noise and all, when it is there. It does the script
-over and over until the round ends.
+Where users are people, each of them is a virtual participant (:mod:`~.person`): it sees late,
+takes time to recognise a target, and decides by itself, noise and all, when it is there. It does
+the script over and over until the round ends.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _TOUCHED_M, _JUMP_M = 0.1, 0.05
 the hand is nearer than the first: it reacts to the hand."""
 _HOLD_S, _PRESS_S, _RELEASE_S, _GRASP_S = 0.3, 0.2, 0.2, 0.2
 _PERSON_S = 0.1
-"""For how long persons hold, press, let go and grasp (as trained ones do)."""
+"""For how long participants hold, press, let go and grasp (as trained ones do)."""
 
 
 def hand_of(step: Step, task: Task | None, devices: Sequence[str]) -> str:
@@ -113,7 +113,7 @@ class ScriptedPolicy:
         memory: list[Episode],
         rngs: Sequence[np.random.Generator | None],
     ) -> NDArray[np.float32]:
-        """Return the actions, (N, A) in [-1, 1]; random numbers are those of persons."""
+        """Return the actions, (N, A) in [-1, 1]; random numbers are those of participants."""
         motor = self._motor
         if motor is not None:
             for i, episode in enumerate(memory):
@@ -160,7 +160,7 @@ class Episode:
         kind = Hand if self._person is None else PersonHand
         self._hands = {side: kind(simulation, side, user) for side in dict.fromkeys(sides)}
         delay_s = 0.0 if self._person is None else self._person.visual_delay_s
-        # User steps after which a person sees where a known target is, and recognises another one.
+        # User steps after which one sees where a known target is, and recognises another one.
         self._follows, self._decides = (
             math.ceil(late_s * hz - 1e-9) for late_s in (delay_s, delay_s + RECOGNITION_S)
         )
@@ -170,7 +170,7 @@ class Episode:
         self._seen: list[FloatArray | None] = []
         """Positions of the target in the last user steps, the newest last."""
         self._aim: FloatArray | None = None
-        """Position of the target as the person perceives it."""
+        """Position of the target as the participant perceives it."""
         self._known: set[str] = set()
         self._values: dict[str, float] = {}
         self._before: dict[str, float] = {}
@@ -443,7 +443,7 @@ class Episode:
             self._seen.append(self._places.find(place, self.hand.position))
 
     def _located(self, place: Place) -> FloatArray | None:
-        """Return where something is; of persons, where they believe the target to be."""
+        """Return where something is; of participants, where they believe the target to be."""
         if self._person is None or place != self._watching:
             found = self._places.find(place, self.hand.position)
         else:

@@ -84,7 +84,7 @@ class PlayedBy:
         contract: Hash of what the policy relies on.
         weights: First 16 digits of the SHA-256 of its weights.
         deterministic: Whether its own configuration evaluates the policy's mean; None: not known.
-        differs: What persons differ in, of a population; None: not known.
+        differs: What participants differ in, of a population; None: not known.
     """
 
     name: str
@@ -162,7 +162,7 @@ def _played_in(source: ReportSource, user: str, env: EnvConfig) -> EnvConfig:
 
 
 def varied_in(env: EnvConfig) -> tuple[str, ...]:
-    """Return what persons of a population differ in: traits that vary and have an effect."""
+    """Return what participants of a population differ in: traits that vary and have an effect."""
     people, noise, effort = env.user.people, env.user.noise, env.user.effort
     if people is None or people.spread == 0.0:
         return ()

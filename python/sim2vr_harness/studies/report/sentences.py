@@ -66,7 +66,11 @@ def headline(source: ReportSource) -> str:
         low, high = min(at, key=at.__getitem__), max(at, key=at.__getitem__)
         ends = [f"{name} ({_amount(at[name], measure)})" for name in (low, high)]
         told = clear if _p(result) < _SIGNIFICANT else unclear
-        told.setdefault(factor, f"lowest with {ends[0]} and highest with {ends[1]}")
+        n, units = result["n"], result.get("units")
+        some = (
+            f", for {counted_units(result)}" if units and isinstance(n, int) and n < units else ""
+        )
+        told.setdefault(factor, f"lowest with {ends[0]} and highest with {ends[1]}{some}")
     if clear:
         more = [f"; {name} makes no clear difference" for name in unclear if name not in clear]
         return f"{measure.label} is {', and '.join(clear.values())}{''.join(more)}."

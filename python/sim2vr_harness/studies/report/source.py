@@ -52,7 +52,7 @@ class Group:
 
     @property
     def units(self) -> list[str]:
-        """Unit of each episode, as counted by n: its user or person."""
+        """Unit of each episode, as counted by n: its user or participant."""
         if "unit" in self.episodes:
             return [str(unit) for unit in self.episodes["unit"]]
         persons = self.episodes["person"]

@@ -238,7 +238,7 @@ def _measure_panel(groups: Sequence[Group], measure: Measure, published: Publish
 
 
 def _pairs(groups: Sequence[Group], measure: Measure) -> list[Layer]:
-    """A thin line per person or user through its rounds in all groups, where n is above 1."""
+    """A thin line per participant or user through its rounds in all groups, where n is above 1."""
     lines: dict[str, tuple[list[float], list[float]]] = {}
     for place, group in enumerate(groups):
         values = group.values(measure.name)

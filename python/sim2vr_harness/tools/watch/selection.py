@@ -50,9 +50,8 @@ def choose(
         raise InputError("--page", "it with a user, a game or --try", "the page alone")
     if app or untrained is not None:
         player = SimulatedUser.find(untrained or "random")
-        env = player.env(app, overrides, game=game, trust_app=trust_app)
-        env = player.with_person(env.with_condition(condition), person, seed, overrides)
-        return user_show(player, env, seed=seed, person=person)
+        env = player.env(app, overrides, game=game, trust_app=trust_app, person=person, seed=seed)
+        return user_show(player, env.with_condition(condition), seed=seed, person=person)
     if run is not None and _recorded(Path(run)):
         if played:
             raise InputError("--try", "it with a recording", "it with a game, a user, or alone")
@@ -67,7 +66,8 @@ def choose(
         user = SimulatedUser.find(who)
     except InputError:  # a configuration or a body
         return user_show(None, env, seed=seed)
-    env = user.with_person(env, person, seed, overrides)
+    if person is not None:
+        env = user.with_people(env, person + 1, seed, overrides)
     user.require_contract(env)
     return user_show(user, env, seed=seed, deterministic=deterministic, person=person)
 

@@ -59,6 +59,8 @@ class App final : public LockstepApp {
   void fillPrivileged(std::span<float> values) const override;
   std::optional<double> headRequest(const RoundStart& start) const override;
   void renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba) override;
+  void renderFrom(const Pose& app_T_observer, double vertical_fov_deg, render::ImageSize size,
+                  std::span<std::uint8_t> rgba, std::span<float> depth_m) override;
   std::vector<render::Shown> shown() override;
   const render::Mesh& shownMesh(int number) const override { return meshes_.mesh(number); }
   std::string save() override;

@@ -106,6 +106,7 @@ enum class Capability : std::uint8_t {
   two_eyes,         // AppSettings::eyes = 2
   privileged,       // fillPrivileged
   scene,            // shown
+  observers,        // renderFrom
 };
 using Capabilities = std::set<Capability>;
 
@@ -220,6 +221,12 @@ class LockstepApp {
   /// headset's from between the eyes. Throws StateError before the first reset, InvalidArgument for
   /// a view that the app does not offer.
   virtual void renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba);
+  /// The latest frame as the headset's camera would show it from `app_T_observer`, without what
+  /// stands for the player, into height x width x 4 bytes; depth_m: as of render::ViewRequest.
+  /// Throws as renderView does.
+  virtual void renderFrom(const Pose& app_T_observer, double vertical_fov_deg,
+                          render::ImageSize size, std::span<std::uint8_t> rgba,
+                          std::span<float> depth_m);
   /// What the latest frame's scene holds and shows. Meshes keep their numbers for the app's life.
   /// Throws StateError before the first reset.
   virtual std::vector<render::Shown> shown();

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -93,10 +94,13 @@ struct PictureRequest {
   std::uint32_t app = 0;
   std::string view = "headset";
   render::ImageSize size{120, 80};
+  /// Pose and vertical angle of view in degrees, instead of the view.
+  std::optional<std::array<double, xr::kPoseRowNumbers + 1>> observer = std::nullopt;
 };
 
-/// Height x width x 4 bytes. Throws as runtime::viewFromName and LockstepApp::renderView do, and
-/// InvalidArgument for a picture above 64 MiB.
+/// Height x width x 4 bytes, and an observer's depths, height x width float32. Throws as
+/// runtime::viewFromName, LockstepApp::renderView and renderFrom do, and InvalidArgument for a
+/// picture above 64 MiB.
 std::vector<std::uint8_t> drawPicture(runtime::LockstepApp& app, const PictureRequest& request);
 
 }  // namespace sim2vr::server

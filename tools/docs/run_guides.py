@@ -12,6 +12,7 @@ commands, and `SKIPPED` says why some do not run. The output of each command is 
 import argparse
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -69,7 +70,7 @@ with open("person.csv", "w", newline="") as file:
 WEBXR = "docs/examples/webxr"
 # Before a page: shell commands that make the reader's own files of which it speaks.
 STAND_INS = {
-    "README.md": f"cp {WEBXR}/buttons/index.html game.html",
+    "README.md": f"cp {WEBXR}/menu/index.html page.html",
     "docs/guide/train.md": f"cp {WEBXR}/drawer/index.html page.html; cp {WEBXR}/drawer/task.yaml .",
     "docs/guide/audit.md": f"cp {WEBXR}/keypad/index.html shop.html; cp shop.targets shop.yaml",
     "docs/guide/own_page.md": f"cp {WEBXR}/drawer/index.html game.html; "
@@ -230,8 +231,9 @@ def last_line(log: Path) -> str:
 def prepare(folder: Path) -> None:
     """Put links to the checkout and the stand-ins' texts into an empty folder."""
     (folder / "log").mkdir(parents=True)
-    for name in ("docs", "configs", "studies", "tools", "build", ".venv"):
+    for name in ("docs", "configs", "tools", "build", ".venv"):
         (folder / name).symlink_to(ROOT / name)
+    shutil.copytree(ROOT / "studies", folder / "studies")  # commands write there
     subprocess.run(["sh", ROOT / WEBXR / "engines.sh"], check=True, stdout=subprocess.DEVNULL)
     (folder / "shop.targets").write_text(SHOP)
     (folder / "program.task").write_text(TASK)

@@ -138,6 +138,16 @@ def test_a_question_in_one_command(tmp_path: Path, capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit):
         main(["study", str(tmp_path / "out.yaml"), "--out", str(out), "--jobs", "1"])
     assert "Played: 0 of 2" in capsys.readouterr().out
+    # Other options would lose its cells; they are taken where the study failed before its first cell.
+    words[words.index("--people") + 1] = "1"
+    with pytest.raises(SystemExit):
+        main(words)
+    assert "is another study" in capsys.readouterr().err
+    for cell in (out / "cells").iterdir():
+        cell.rename(cell.with_name("." + cell.name))
+    with pytest.raises(SystemExit):
+        main([*words, "--plan"])
+    assert "people: 1" in (tmp_path / "out.yaml").read_text()
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def test_a_question_in_one_command(tmp_path: Path, capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit):
         main(["study", str(tmp_path / "out.yaml"), "--out", str(out), "--jobs", "1"])
     assert "Played: 0 of 2" in capsys.readouterr().out
-    # Other options would lose its cells; they are taken where the study failed before its first cell.
+    # Other options are refused, unless the study failed before its first cell.
     words[words.index("--people") + 1] = "1"
     with pytest.raises(SystemExit):
         main(words)

@@ -87,6 +87,7 @@ SHORT = (
 )
 # (text in a command, what replaces it): the reader's own things, and shorter work.
 CHANGES = (
+    ("study --page game.html", "study --page docs/examples/webxr/menu " + ENGINES),
     ("--openxr ./game", "--openxr 'hello_xr -g Vulkan2'"),
     ("--page game.html", f"--page game.html {ENGINES}"),
     ("--page page.html", f"--page page.html {ENGINES}"),
@@ -99,6 +100,7 @@ CHANGES = (
         "--vary size=0.04,0.06,0.08 --vary height=1.0,1.4 --people 24",
         "--vary size=0.04,0.08 --people 2",
     ),
+    ("--vary size=0.04,0.08 --people 24", "--vary size=0.04,0.08 --people 2"),
     ("\nepisodes: 3 ", "\nepisodes: 1 "),
     ("\nfactors:", "\n  env.app.options.round_seconds: 5\nfactors:"),
     ("page vendor game.html", "page vendor game.html --yes"),

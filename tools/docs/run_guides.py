@@ -70,7 +70,6 @@ with open("person.csv", "w", newline="") as file:
 WEBXR = "docs/examples/webxr"
 # Before a page: shell commands that make the reader's own files of which it speaks.
 STAND_INS = {
-    "README.md": f"cp {WEBXR}/menu/index.html page.html",
     "docs/guide/train.md": f"cp {WEBXR}/drawer/index.html page.html; cp {WEBXR}/drawer/task.yaml .",
     "docs/guide/audit.md": f"cp {WEBXR}/keypad/index.html shop.html; cp shop.targets shop.yaml",
     "docs/guide/own_page.md": f"cp {WEBXR}/drawer/index.html game.html; "
@@ -101,6 +100,7 @@ CHANGES = (
         "--vary size=0.04,0.08 --people 2",
     ),
     ("--vary size=0.04,0.08 --people 24", "--vary size=0.04,0.08 --people 2"),
+    ("--vary button_m=0.04,0.08 --people 24", f"--vary button_m=0.04,0.08 --people 2 {ROUND}"),
     ("\nepisodes: 3 ", "\nepisodes: 1 "),
     ("\nfactors:", "\n  env.app.options.round_seconds: 5\nfactors:"),
     ("page vendor game.html", "page vendor game.html --yes"),

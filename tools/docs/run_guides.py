@@ -76,7 +76,8 @@ STAND_INS = {
     f"cp {WEBXR}/drawer/task.yaml task.yaml",
     "docs/guide/own_program.md": "cp program.task task.yaml",
     "docs/reference/sessions.md": "python person.py && sim2vr-harness session convert person.csv "
-    f"recording.json; cp {WEBXR}/drawer/index.html game.html; cp {WEBXR}/drawer/task.yaml .",
+    f"recording.json; cp {WEBXR}/drawer/index.html game.html; cp {WEBXR}/drawer/task.yaml .; "
+    "ln -sf /bin/true game",
 }
 ENGINES = f"--map https://cdn.jsdelivr.net/npm/={WEBXR}/engines"
 ROUND = "--set env.app.options.round_seconds=3"

@@ -31,8 +31,7 @@ class RecordRequest:
     )
     port: int = option("Port to listen on; 0: one that is free.", 8090, least=0, most=65535)
     lan: bool = option(
-        "Serve the local network over HTTPS with a self-signed certificate (needs openssl), "
-        "instead of this machine only.",
+        "Serve the local network by HTTPS with a self-signed certificate (needs openssl).",
         False,
     )
     seed: int | None = option(

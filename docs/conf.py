@@ -21,6 +21,7 @@ suppress_warnings = ["ref.python"]  # an attribute's name that several classes h
 html_theme = "furo"
 html_title = f"sim2vr {release}"
 html_copy_source = False
+html_static_path = html_css_files = ["site.css"]
 smartquotes = False  # --option stays as it is typed
 
 myst_heading_anchors = 4  # links to headings, as on GitHub
@@ -35,7 +36,8 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 
 SECTIONS = {
-    "Guide": "guide/install guide/first_user guide/*",
+    "Guide": "guide/install guide/first_user guide/gallery guide/audit guide/study guide/report "
+    "guide/evaluate guide/train guide/gpu guide/look guide/own_* guide/*",
     "Tutorials": "tutorials/*",
     "Reference": "reference/* reference/games/*",
     "Concepts": "concepts/* architecture",

@@ -58,12 +58,12 @@ class AuditRequest(ChangedEnvironment, TrustedApp, Expected):
     cell: float = option("With --user: edge of the cells of the hull, m.", 0.05)
     pose: str | None = option(
         "With --user: how long this posture can be held. Other joints stay where episodes start; "
-        "one without _r or _l is that of both arms.",
+        "a name without _r or _l sets both arms.",
         metavar="JOINT=DEGREES,...",
     )
     load: float = option("With --pose: mass in each hand, kg, beside the controller.", 0.0)
     people: int | None = option(
-        "Number of virtual participants, 1 to 10,000; with --user of its population.",
+        "Number of virtual participants, 1 to 10,000; with --user, of its population.",
         metavar="N",
         shown="500; with --user it alone",
     )

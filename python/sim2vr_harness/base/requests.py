@@ -84,8 +84,8 @@ class Expected:
     """``--expect`` and ``--junit``."""
 
     expect: tuple[str, ...] = option(
-        "Exit with status 1 unless the results keep a bound: 'hit_rate >= 0.8', or "
-        "'CONDITION_OR_CELL:hit_rate >= 0.8' for one of them; may be repeated.",
+        "Exit with status 1 unless this holds: 'hit_rate >= 0.8' (of an audit 'reach.min >= 0.9'), "
+        "or 'CONDITION_OR_CELL:hit_rate >= 0.8' (of an audit 'GROUP:...'); may be repeated.",
         (),
         metavar="TEXT",
     )

@@ -26,11 +26,10 @@ class CompareRequest(Plays, JsonOutput, AppOptions):
 
     users: tuple[str, ...] = argument(
         "USER...",
-        "A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of an "
-        "evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its folder): "
-        "each of its users, trained and played first, if they are not yet. NAME=USER is called "
-        "NAME in tables and figures. Beside sessions of any app: sessions, a trained user, or one "
-        "without training such as 'touch NAME'.",
+        "A pretrained user, a run or a checkpoint, which plays; a folder of logged rounds; or a "
+        "study (STUDY.yaml, or its folder), whose users are trained and played first if they were "
+        "not. NAME=USER sets the name in tables and figures. If --recordings are sessions, USER "
+        "may also be sessions, or a user without training such as 'touch NAME'.",
         names="users",
     )
     recordings: tuple[Path, ...] = option(
@@ -64,7 +63,7 @@ class CompareRequest(Plays, JsonOutput, AppOptions):
         Path("comparison"),
         place="folder to write",
     )
-    unconstrained: bool = option("Every touch was a hit for people, though logs do not say.", False)
+    unconstrained: bool = option("Count every touch of people as a hit (no speed rule).", False)
     figures: bool = option("Draw the figures.", True)
     every: bool = option("Print every measure.", False)
 

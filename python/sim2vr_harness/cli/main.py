@@ -47,7 +47,7 @@ app = CommandGroup(
 
     Examples:
         sim2vr-harness audit --game whacamole --condition low --people 100
-        sim2vr-harness train sample
+        sim2vr-harness study --game panel --user "press lit by ray" --vary button_m=0.04,0.08
     """,
     name="sim2vr-harness",
     add_completion=True,

@@ -39,7 +39,7 @@ class TrainLayerRequest(LayerRequest, TrainedPeople):
     out: Path = option("File to write.", MISSING, metavar="FILE.pt", place="file to write")
     begin: Path | None = option(
         "Continue from this motor policy.",
-        metavar="LAYER.pt",
+        metavar="POLICY.pt",
         place="file to read",
     )
     set_: tuple[str, ...] = option(
@@ -72,7 +72,7 @@ def train_layer(request: TrainLayerRequest) -> int:
     """Train a body's motor policy; a stopped training continues.
 
     Examples:
-        sim2vr-harness users motor train mobl_arms_wrist --out layer.pt
+        sim2vr-harness users motor train mobl_arms_wrist --out motor.pt
         sim2vr-harness users motor train mobl_arms_wrist --people --out people.pt
     """
     from sim2vr_harness.base.signals import sigterm_interrupts
@@ -216,7 +216,7 @@ app = CommandGroup(
     """Train and measure motor policies, which move hands to goals (docs/concepts/training.md).
 
     Examples:
-        sim2vr-harness users motor train mobl_arms_wrist --out layer.pt
+        sim2vr-harness users motor train mobl_arms_wrist --out motor.pt
         sim2vr-harness users motor measure mobl_arms_wrist
     """
 )

@@ -209,7 +209,7 @@ class TrainedPeople:
     """``--people`` of trainings: so many participants, or a population without end."""
 
     people: int | None = option(
-        "Train a population: any virtual participants, or N (docs/concepts/people.md).",
+        "Another virtual participant plays each round; N: one of N (docs/concepts/people.md).",
         metavar="[N]",
         least=1,
         bare=EVERYONE,

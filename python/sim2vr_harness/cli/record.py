@@ -31,8 +31,7 @@ class RecordRequest:
     )
     port: int = option("Port to listen on; 0: one that is free.", 8090, least=0, most=65535)
     lan: bool = option(
-        "Serve the local network over HTTPS with a self-signed certificate (needs openssl), not "
-        "loopback.",
+        "Serve the local network by HTTPS with a self-signed certificate (needs openssl).",
         False,
     )
     seed: int | None = option(
@@ -41,7 +40,7 @@ class RecordRequest:
     script_tag: bool = option(
         "Print an element for the top of a page: it downloads the session.", False
     )
-    bookmarklet: bool = option("Print the same as a bookmark's address; no seed.", False)
+    bookmarklet: bool = option("Print the same as a bookmarklet, which sets no seed.", False)
 
 
 def record(request: RecordRequest) -> None:

@@ -56,15 +56,15 @@ class ReplayRequest(JsonOutput, AppOptions):
         "events.csv, packed .npz rounds with their manifest.json, or folders above such.",
     )
     closed: bool = option("Seed and poses only: spawns are predicted as well.", False)
-    unconstrained: bool = option("Every touch was a hit, though the logs do not say.", False)
+    unconstrained: bool = option("Count every touch as a hit (no speed rule).", False)
     fixed_step: float | None = option(
-        "Period of the recording's fixed steps, s.", shown="worked out"
+        "Period of the recording's fixed steps, s.", shown="estimated"
     )
     log: Path | None = option(
         "Keep the replayed rounds' own logs in this folder.", place="folder to write"
     )
     video: Path | None = option(
-        "Film the player's view, and a game from outside.",
+        "Film the player's view, of games also the view from outside.",
         metavar="OUT.mp4",
         place="file to write",
     )

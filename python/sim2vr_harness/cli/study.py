@@ -192,7 +192,8 @@ def _made(request: StudyRequest) -> Path:
     parse_study(study)
     file = out.parent / f"{out.name}.yaml"
     text = yaml.safe_dump(study, sort_keys=False, allow_unicode=True, width=100)
-    if file.exists() and file.read_text(encoding="utf-8") != text:
+    failed = (out / "cells").is_dir() and not any((out / "cells").glob("[!.]*"))
+    if not failed and file.exists() and file.read_text(encoding="utf-8") != text:
         expected = f"another --out, or: sim2vr-harness study {file} --out {out}"
         raise InputError("--out", f"{str(out)!r}, beside which {file} is another study", expected)
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -29,7 +29,7 @@ class TrackRequest(ChangedEnvironment, TrustedApp):
         "Recorded rounds, sessions of any app, states.csv, or CSV files with a header.",
     )
     user: str = option(
-        "Who follows: a body or its YAML file, a configuration, or a trained user.",
+        "Who follows the hands: a body or its YAML file, a configuration, or a trained user.",
         "mobl_arms_wrist",
         metavar="USER",
         names="users",
@@ -53,12 +53,12 @@ class TrackRequest(ChangedEnvironment, TrustedApp):
         "Of CSV files: app (Unity: left-handed, z ahead) or openxr (right-handed, z back).", "app"
     )
     refine: bool = option(
-        "Then plan muscles two seconds ahead, for the hands' path with little effort: about ten "
-        "minutes for each minute of fast play.",
+        "After tracking, plan muscles two seconds ahead for the same path with less effort: about "
+        "ten minutes for each minute of fast play.",
         True,
     )
-    pointed: bool = option("Let hands point as the person's did, too.", False)
-    play: bool = option("Play the recorded game with this hand.", True)
+    pointed: bool = option("Follow the directions of the hands, too.", False)
+    play: bool = option("Let the tracked hand play the recorded game.", True)
     record: bool = option("Film it.", False)
     seed: int = option("Seed of the random numbers.", 1, least=0)
     out: Path = option("Folder for the files.", Path("track"), place="folder to write")

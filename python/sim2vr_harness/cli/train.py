@@ -46,7 +46,7 @@ class TrainRequest(TrainedPeople, TrustedApp, AppOptions):
     out: Path | None = option("The run's folder.", shown="runs/NAME", place="folder to write")
     seed: int | None = option("Seed of the run; short for --set seed=SEED.")
     device: Literal["auto", "cpu", "cuda"] | None = option(
-        "Device that learns; cuda is an NVIDIA GPU.", shown="auto"
+        "Device that trains: cpu, or cuda (NVIDIA).", shown="auto"
     )
     cores: int | None = option("Cores of this machine to use.", shown="all", least=1)
     resume: bool = option("Continue the run exactly.", False)

@@ -69,7 +69,7 @@ class PackRequest(TrustedApp):
     episodes: int = option("Rounds per condition.", 12)
     other_seed: tuple[str, ...] = option(
         "The same training with another seed; may be repeated. The one in the middle is packed, "
-        "the card shows all.",
+        "and the card shows all.",
         (),
         metavar="RUN",
     )

@@ -503,7 +503,8 @@ class PageWatch:
                 "page, as with `npm run build`, and name the page that this makes"
             )
         if files.refused:
-            found.append(f"asks for {files.refused.listed()}, which app.map maps to no folder")
+            listed = files.refused.listed()
+            found.append(f"asks for {listed}, which app.map maps to no folder; try: page vendor")
         if files.missing:
             outside = files.outside
             hint = f" (above the page's folder; it plays with {outside})" if outside else ""

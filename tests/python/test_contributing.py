@@ -78,7 +78,7 @@ def author(tmp_path_factory: pytest.TempPathFactory) -> Author:
 
 @pytest.fixture(scope="module")
 def made(author: Author) -> None:
-    """The commands up to the first picture have been run, but for those that set the checkout up."""
+    """Run the commands up to the first picture, but for those that set the checkout up."""
     for command in commands()[3:-2]:
         author.run(command)
     pictures = {file.stem for file in (author.folder / "build" / "mygame").glob("*.png")}

@@ -104,10 +104,10 @@ TEST(LockstepApp, EventsComeBackWithTheStepTheyBelongTo) {
 TEST(LockstepApp, TheGamesAppHasEveryCapabilityItsGameHas) {
   AppSettings settings;
   const auto renderer = render::Renderer::create(render::RendererKind::null);
-  EXPECT_EQ(gameApps()(settings, renderer, {})->capabilities().size(), 11U);
+  EXPECT_EQ(gameApps()(settings, renderer, {})->capabilities().size(), 12U);
   settings.game = "sample";
   const auto sample = gameApps()(settings, renderer, {});
-  EXPECT_EQ(sample->capabilities().size(), 10U);
+  EXPECT_EQ(sample->capabilities().size(), 11U);
   EXPECT_FALSE(sample->can(Capability::privileged));
 }
 

@@ -134,13 +134,15 @@ LEADS_AWAY = {
     "itself, by its name": (
         "button('Try again', () => location.reload());"
         "await import('https://cdn.example.com/engine.js').catch(() => {});",
-        r"never calls WebXR .* \(asks for https://cdn\.example\.com/engine\.js, .*: page vendor\)$",
+        r"never calls WebXR \(navigator\.xr\) \(asks for https://cdn\.example\.com/engine\.js, "
+        r"which app\.map maps to no folder; try: page vendor\)$",
     ),
     "itself, unasked": (
         "await import('https://cdn.example.com/engine.js').catch(() => {});"
         "setTimeout(() => location.reload(), 100);",
         r"page\.html: loaded itself again before it entered VR "
-        r"\(asks for https://cdn\.example\.com/engine\.js, which app\.map .*; try: page vendor\)$",
+        r"\(asks for https://cdn\.example\.com/engine\.js, "
+        r"which app\.map maps to no folder; try: page vendor\)$",
     ),
 }
 

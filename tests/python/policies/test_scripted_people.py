@@ -136,7 +136,8 @@ def test_a_question_in_one_command(tmp_path: Path, capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit) as done:
         main(words)
     assert not done.value.code
-    assert "2 of 2 can do no step and are excluded" in capsys.readouterr().out.replace("\n", " ")
+    told = capsys.readouterr().out.replace("\n", " ")
+    assert "2 of 2 can do no step and are excluded (person 0: the hand came" in told
     assert "out of reach" in (out / "report.html").read_text()
     assert "people: 2" in (tmp_path / "out.yaml").read_text()
     assert json.loads((out / "study.json").read_text())["study"]["fixed"]["user"] == words[4]
@@ -159,6 +160,7 @@ def test_a_question_in_one_command(tmp_path: Path, capsys: pytest.CaptureFixture
         (["--vary", "button_m=0.1", "--user", LIT], "two values or more"),
         (["--vary", "button_m=0.1,0.2", "--user", "pres lit"], "did you mean 'press'"),
         (["a.yaml", "--vary", "button_m=0.1,0.2"], "--vary: got it with a.yaml"),
+        (["a.yaml", "--seed", "0"], "--seed: got it with a.yaml"),
     ],
 )
 def test_studies_that_are_refused(

@@ -120,7 +120,6 @@ class WebXRApp(ForeignApp):
         options = {"enter": ""} | checked_options(place.options, choices)
         self._files = PageFiles(place.page, place.map)
         self._awaited: int | None = None
-        self._observers: tuple[Observer, ...] = ()
         self._observed: tuple[bytes, ...] = ()
         self._valued = False
         self._head = np.zeros(3)

@@ -207,7 +207,7 @@ def _layout(panel: Panel) -> dict[str, Any]:
                 x_axis |= {"tickangle": -45, "ticktext": list(panel.categories)}
                 layout["height"] += _SLANTED
     if panel.y_range is not None:
-        y_axis["range"] = list(panel.y_range)
+        y_axis["autorangeoptions"] = {"include": list(panel.y_range)}
     if panel.square:
         y_axis |= {"scaleanchor": "x", "scaleratio": 1}
     if panel.flipped:

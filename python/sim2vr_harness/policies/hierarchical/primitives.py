@@ -56,7 +56,7 @@ _AHEAD_S, _SOON_S = torch.arange(0.0, 2.5, 0.05), 0.2
 """Times at which the way of a thing that comes is followed ahead, and the shortest time in which a
 hand comes to meet it, s."""
 _SWING_S, _GONE_S = 0.4, 0.1
-"""Time before a meeting at which a hand leaves the start of its run-up, and after which it is over."""
+"""Time before a meeting at which a hand leaves the start of its run-up, and after it is over, s."""
 _DEPTH_WEIGHT = 0.2
 """Weight of depth relative to height and side in the search for the nearest reachable place."""
 
@@ -305,7 +305,7 @@ class PrimitiveController:
         wanted: Tensor,
         late_s: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        """Return (K, 3) places where a hand meets things, and (K,) seconds until then; NaN: at rest.
+        """Return (K, 3) places to meet things at, and (K,) seconds until then; NaN: they rest.
 
         It is the middle of the first part of the thing's way within reach, or as far along it as
         the hand still comes.

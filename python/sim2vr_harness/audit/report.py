@@ -437,7 +437,7 @@ def _space(audit: Audit) -> Panel:
         return Places(name, right, ahead, up, colour, **{"places": True} | more)
 
     layers = [
-        layer("a participant, down to the floor", figure, INK, places=False),
+        layer("a participant, down to the floor", figure, GREY, places=False),
         layer("eyes and shoulders", landmarks, GREY),
     ]
     names = np.array([each.name for each in audit.targets])

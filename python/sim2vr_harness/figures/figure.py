@@ -140,7 +140,7 @@ class Panel:
         ticks: Names of x = 0, 1, 2 ...; None: numbers.
         stacked: Whether bars are put on each other.
         square: Whether a metre is as long in both directions.
-        y_range: Least and greatest y; None: as the layers need it.
+        y_range: Least and greatest y, if no layer needs more; None: as the layers need it.
         legend: Whether to name the layers.
         wide: Whether it takes a whole line of the page.
     """

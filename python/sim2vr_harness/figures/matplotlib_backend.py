@@ -159,6 +159,7 @@ def _draw(axes: Any, panel: Panel, width: float) -> None:
     grounds: dict[str, dict[str, float]] = {"up": {}, "down": {}}
     bars = [layer for layer in panel.layers if isinstance(layer, Bars)]
     flipped = panel.flipped
+    axes.locator_params(nbins=5)  # numbers do not overlap
     if not bars:
         axes.use_sticky_edges = False  # the end of a range is seen
     for layer in panel.layers:
@@ -177,9 +178,7 @@ def _draw(axes: Any, panel: Panel, width: float) -> None:
     axes.set_title(fill(panel.title, int(width / 0.075)), fontsize=8)
     axes.tick_params(labelsize=7)
     if panel.in_space:
-        axes.set_xlabel("right (m)")
-        axes.set_ylabel("forward (m)")
-        axes.set_zlabel("up (m)")
+        axes.set(xlabel="right (m)", ylabel="forward (m)", zlabel="up (m)")
         return
     labels = (panel.y_label, panel.x_label) if flipped else (panel.x_label, panel.y_label)
     axes.set_xlabel(labels[0])

@@ -19,8 +19,8 @@ from sim2vr_harness.figures.figure import (
 )
 
 _HEIGHT, _HEIGHT_IN_SPACE, _ROW = 300, 460, 17
-_HEIGHT_NAMED, _FARTHER = 640, 1.15
-"""In space with names beside places, which need room: height, and the camera's distance."""
+_HEIGHT_NAMED = 640
+"""In space with names beside places, which need room."""
 _SLANTED = 60
 """More height for names of many categories."""
 _ROW_LETTERS, _NAME_LETTERS, _LINE_LETTERS = 32, 20, 42
@@ -28,7 +28,7 @@ _ROW_LETTERS, _NAME_LETTERS, _LINE_LETTERS = 32, 20, 42
 _SCALE = [[0, "#f7fbff"], [0.35, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
 """Of tables of colours: pale is little."""
 _CLEAR = [[0, "rgba(0,0,0,0)"], [1, "rgba(0,0,0,0)"]]
-_EYE, _CENTER = {"x": -1.6, "y": -1.9, "z": 0.8}, {"x": 0, "y": 0, "z": -0.12}
+_EYE, _CENTER = {"x": -1.84, "y": -2.19, "z": 0.92}, {"x": 0, "y": 0, "z": -0.12}
 _SCENE = {
     "xaxis": {"title": {"text": "right (m)"}},
     "yaxis": {"title": {"text": "forward (m)"}},
@@ -179,9 +179,7 @@ def _layout(panel: Panel) -> dict[str, Any]:
     if panel.in_space:
         layout |= {"scene": _SCENE, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
         if any(isinstance(layer, Path) and layer.text is not None for layer in panel.layers):
-            eye = {axis: _FARTHER * value for axis, value in _EYE.items()}
-            camera = {"eye": eye, "center": _CENTER}
-            layout |= {"height": _HEIGHT_NAMED, "scene": _SCENE | {"camera": camera}}
+            layout["height"] = _HEIGHT_NAMED
         return layout
     x_axis, y_axis = _axis(panel.x_label), _axis(panel.y_label)
     count = len(panel.categories)
@@ -207,7 +205,7 @@ def _layout(panel: Panel) -> dict[str, Any]:
                 x_axis |= {"tickangle": -45, "ticktext": list(panel.categories)}
                 layout["height"] += _SLANTED
     if panel.y_range is not None:
-        y_axis["range"] = list(panel.y_range)
+        y_axis["autorangeoptions"] = {"include": list(panel.y_range)}
     if panel.square:
         y_axis |= {"scaleanchor": "x", "scaleratio": 1}
     if panel.flipped:

@@ -179,15 +179,16 @@ def write_page(
         if (first := next(row for row in own if row is not None))
     ]
     header = ("", *(compared.name for compared in report.compared), "people")
-    sections: list[tuple[str, list[Part]]] = [(each.title, [each]) for each in figures[1:]]
-    for compared in report.compared:
-        sections.append((f"All measures of {compared.name}", [_AWAY, _page_table(compared)]))
+    limits = [_LIMITS[bool(report.people.persons)], *notes]
+    sections: list[tuple[str, list[Part]]] = [("What limits this answer", [listed(limits)])]
+    sections += [(each.title, [each]) for each in figures[1:]]
+    sections += [(f"All measures of {x.name}", [_AWAY, _page_table(x)]) for x in report.compared]
     return save_page(
         file,
         f"Does {names} act like people in {report.behaviour.game}?",
         _answer(report),
         [*figures[:1], table(header, rows)],
-        [("What limits this answer", [listed([_LIMIT, *notes])]), *sections],
+        sections,
         printed=True,
     )
 
@@ -196,9 +197,9 @@ _AWAY = (
     "Marked: outside people's range. Away: distance from people's mean, in units of the distance "
     "of one person from the others."
 )
-_LIMIT = (
-    "People's range is from the lowest to the highest of those who were recorded; few people have "
-    "a narrow range."
+_LIMITS = (
+    "No people were recorded, so only published movement times are compared.",
+    "People's range is from the lowest to the highest recorded; few people have a narrow range.",
 )
 
 
@@ -211,13 +212,12 @@ def _answer(report: ComparisonReport) -> str:
             told.append(f"{100 * found.inside:.0f} % of {found.cells} measures of {compared.name}")
     if told:
         return f"Inside the range of the recorded people: {', '.join(told)}."
-    lines = ((name, law.line) for name, law in report.laws.items())
-    told = [
-        f"{name} takes {line.a_s:.2f} s and {line.b_s_per_bit:.2f} s per bit of difficulty"
-        for name, line in lines
-        if line is not None
-    ]
-    return f"{'; '.join(told) or 'One person was recorded, who has no range'}."
+    laws = report.laws.items()
+    lines: list[tuple[str, Any]] = [(name, law.line) for name, law in laws if law.line is not None]
+    lines += [(f"people ({each.label})", each) for each in STUDIES if lines and each.a_s]
+    told = [f"{name} {line.a_s:.2f} s + {line.b_s_per_bit:.2f} s per bit" for name, line in lines]
+    times = f"Movement time: {'; '.join(told)}."
+    return times if told else "One person was recorded, who has no range."
 
 
 def _with_unit(row: ComparisonRow | None) -> str:

@@ -58,19 +58,19 @@ def test_a_page_on_paper_has_stills_and_no_plots(strange_folder: Path) -> None:
 
 
 def test_figures_are_drawn_whatever_their_names_are_and_as_dark_as_the_page(tmp_path: Path) -> None:
-    # Names that look like markup; light text on a dark page.
-    names = ("<!--<script>", "</script>")
-    figures = [Figure("a", "A", "", [Panel("", [Line(n, [1, 2], [1, 2], INK)])]) for n in names]
-    (file,) = save_page(
-        tmp_path / "page.html", "Names", "<i>", figures, [("<u>", [table(["<b>"], [["last<i>"]])])]
-    )
+    # Names that look like markup; light text on a dark page; a range that is less than the data's.
+    names, least = ("<!--<script>", "</script>"), (0.0, 0.0)
+    panels = [Panel("", [Line(n, [1, 2], [1, 2], INK)], y_range=least) for n in names]
+    figures, last = [Figure("a", "A", "", [each]) for each in panels], table(["<b>"], [["last<i>"]])
+    (file,) = save_page(tmp_path / "page.html", "Names", "<i>", figures, [("<u>", [last])])
     with Page() as page:
         dark = [{"name": "prefers-color-scheme", "value": "dark"}]
         page.call("Emulation.setEmulatedMedia", features=dark)
         page.open(file.as_uri(), 1280)
         page.wait_for("window.reportState && reportState.drawn === 2")
-        names_of = "[...document.querySelectorAll('.plot')].map(f => f.data[0].name)"
-        assert json.loads(page.value(f"JSON.stringify({names_of})")) == list(names)
+        seen = "[...document.querySelectorAll('.plot')].map(f => [f.data[0].name, f.layout.yaxis])"
+        shown = dict(json.loads(page.value(f"JSON.stringify({seen})")))
+        assert tuple(shown) == names and all(y["range"][1] >= 2 for y in shown.values())
         assert page.value("document.querySelector('.answer').textContent") == "<i>"
         cells = page.value("document.querySelector('section').innerText").split()
         assert cells == ["<u>", "<b>", "last<i>"]

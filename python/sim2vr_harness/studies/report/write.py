@@ -492,7 +492,7 @@ def figures_of_effort(source: ReportSource) -> Iterator[Figure]:
         bars = Bars("effort", labels, before, GREY)
         panels.append(Panel("Effort before its weight", [bars], y_label="cost / weight"))
     text = (
-        "Means over rounds. Gains are drawn upwards and costs downwards; they add up to the return."
+        "Means over rounds. Gains are positive and costs negative; they add up to the return."
         + (" Users paid for effort by different weights: compare it before its weight."
            if len(weights) > 1 else "")
     )  # fmt: skip

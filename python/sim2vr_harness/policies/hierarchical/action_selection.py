@@ -14,6 +14,7 @@ from sim2vr_harness.policies.hierarchical.options import PLAIN, OptionSet
 from sim2vr_harness.policies.hierarchical.primitives import (
     OptionChoice,
     PrimitiveController,
+    is_strike,
     is_swing,
     points,
 )
@@ -29,6 +30,8 @@ Positions of cells lie on the fronts of objects, some cm before their middles, a
 cells show the same object."""
 _PURSUED_M = 0.06
 """Distance from a hand's target within which cells show the same object."""
+_COMES_M = 0.6
+"""Distance from where a thing that comes was to be, m, within which what is seen is this thing."""
 _SAME_M, _SHORT_M, _MOST_VAIN = 0.15, 0.05, 3
 """Rule for repeated waiting: radius and time double each time that the hand returns to within
 _SAME_M and again stops at least _SHORT_M short, at most _MOST_VAIN times. A hand that reached its
@@ -39,8 +42,13 @@ _OWN_M, _SAME_THING_M, _BEFORE_M, _PARTLY = 0.15, 0.03, 0.03, (0.4, 0.95)
 """Thresholds for occlusion by the own tool: distance from the tip within which a surface may be the
 tool (m), distance beside the line of sight within which the tool may hide an object (m), distance
 before the object (m), and the visible proportion of the object's width (from, to)."""
-Aims = tuple[Tensor, Tensor]
-"""(N, H, 3) middles of things, and (N, H) their widths, m."""
+Aims = tuple[Tensor, Tensor, Tensor]
+"""(N, H, 3) middles of things, (N, H) their widths, m, and (N, H, 3) velocities of those that come
+and are struck, m/s."""
+NOW_S, _HERE = torch.zeros(1), torch.eye(4)[None]
+"""The age of what is known as it is, and a head that has not moved."""
+BEFORE_S = 0.2
+"""Time between the two images of an observation, s."""
 
 
 @dataclass
@@ -55,6 +63,8 @@ class OptionScene:
         tips: (N, H, 3) positions of the tips, m.
         velocities: (N, H, 3) velocities of the tips, m/s.
         fovea: pictures around the gazes; None: users have none.
+        before: (N, 4, 4) poses of the heads when the earlier images were rendered.
+        late_s: (N,) how old the images are, s.
     """
 
     sight: DepthGrid
@@ -64,6 +74,8 @@ class OptionScene:
     tips: Tensor
     velocities: Tensor
     fovea: Fovea | None = None
+    before: Tensor = _HERE
+    late_s: Tensor = NOW_S
 
     @cached_property
     def places(self) -> Tensor:
@@ -79,15 +91,25 @@ class OptionScene:
         """Return what the layers of a network take, the same for all networks."""
         return net.inputs(self.pictures, self.places, self.head, self.tips, self.velocities)
 
-    def aims(self, choice: OptionChoice, chosen: NDArray[np.int64]) -> Aims:
-        """Return where the things are that are seen in the cells of choices, and how wide.
+    def aims(self, choice: OptionChoice, chosen: NDArray[np.int64], options: OptionSet) -> Aims:
+        """Return where the things are that are seen in the cells of choices, how wide, how fast.
 
         A cell is larger than many a thing: 7 cm wide at arm's length. What the user's own tool
         hides is where it was before.
         """
-        cells = torch.from_numpy(chosen) % self.sight.cells
-        aims = self.sight.things(self.pictures, cells, self.head, self.turned, self.fovea)
-        return remembered(choice, aims, self.head, self.tips)
+        number = torch.from_numpy(chosen)
+        option, cells = number // self.sight.cells, number % self.sight.cells
+        place, width = self.sight.things(self.pictures, cells, self.head, self.turned, self.fovea)
+        velocity = torch.zeros_like(place)
+        placed = option < len(options.placed)
+        strikes = placed & is_strike(options.numbers[option.clamp(max=len(options.placed) - 1)])
+        if strikes.any():
+            user = torch.nonzero(strikes)[:, 0]
+            poses = (self.head[user], self.turned[user], self.before[user])
+            velocity[strikes] = self.sight.coming(
+                self.pictures[user], place[strikes], *poses, BEFORE_S
+            )
+        return (*remembered(choice, (place, width), self.head, self.tips), velocity)
 
 
 def best_choices(values: Tensor, something: Tensor, options: OptionSet = PLAIN) -> Tensor:
@@ -128,7 +150,9 @@ def committed(
     if not primitives.manner.commitment:
         return best
     cells = places.flatten(2).transpose(1, 2)
-    beside = (cells[:, None] - choice.seen[:, :, None]).norm(dim=-1) > _PURSUED_M
+    # A thing that comes is nearer than it was when it was last looked at.
+    within = _PURSUED_M + BEFORE_S * choice.velocity.norm(dim=-1, keepdim=True)
+    beside = (cells[:, None] - choice.seen[:, :, None]).norm(dim=-1) > within
     count, rest = cells.shape[1], options.rest(cells.shape[1])
     same = options.numbers == choice.move[..., None]
     of_places = worth[..., :rest].reshape(*most.shape, len(options.placed), count)
@@ -162,7 +186,7 @@ def mask_unreached(
     tips = torch.where(aims, choice.seen, tips)
     far = (choice.seen - choice.place).norm(dim=-1) > _TO_COME_M
     stays = (tips - choice.at).norm(dim=-1) < _STILL_M
-    waits = stays & (choice.move >= 0) & ~far
+    waits = stays & (choice.move >= 0) & ~far & choice.due_s.isnan()
     choice.rested += hold
     choice.rested[~waits] = 0
     choice.at[~waits] = tips[~waits]
@@ -182,7 +206,9 @@ def mask_unreached(
     return something[:, None] & ~(near & (choice.leaving > 0)[..., None])
 
 
-def remembered(choice: OptionChoice, aims: Aims, head: Tensor, tips: Tensor) -> Aims:
+def remembered(
+    choice: OptionChoice, aims: tuple[Tensor, Tensor], head: Tensor, tips: Tensor
+) -> tuple[Tensor, Tensor]:
     """Return aims, with the last visible ones for objects that the user's own tool occludes.
 
     Args:
@@ -213,6 +239,7 @@ def choose(
     primitives: PrimitiveController,
     changed: NDArray[np.bool_] | None = None,
     aims: Aims | None = None,
+    late_s: Tensor = NOW_S,
 ) -> None:
     """Put choices into effect.
 
@@ -224,6 +251,7 @@ def choose(
         primitives: knows what is within reach.
         changed: (N, H) whose choice is a new one; None: every user's.
         aims: of :meth:`OptionScene.aims`; None: the places of the cells, whatever is there.
+        late_s: (N,) how old they are, s.
     """
     flat = places.flatten(2).transpose(1, 2)
     cells = flat.shape[1]
@@ -241,11 +269,27 @@ def choose(
         wanted = primitives.within_reach(hand, there, is_swing(move[:, hand]))
         wanted = torch.where(points(move[:, hand])[:, None], there, wanted)
         moves = (new & placed)[:, hand, None]
+        if aims is not None:
+            speed = aims[2][:, hand]
+            wanted, due_s = primitives.meeting(hand, move[:, hand], there, speed, wanted, late_s)
+            # What is where a thing was to come by now is this thing, which is met as was planned
+            # if it is not seen to come, and else where both estimates say in the mean.
+            before_s, velocity = choice.due_s[:, hand], choice.velocity[:, hand]
+            by_now = choice.place[:, hand] - velocity * (before_s + late_s)[:, None]
+            same = (choice.move == move)[:, hand] & ((there - by_now).norm(dim=-1) < _COMES_M)
+            both = same & ~due_s.isnan()
+            wanted = torch.where(both[:, None], 0.5 * (wanted + choice.place[:, hand]), wanted)
+            speed = torch.where(both[:, None], 0.5 * (speed + velocity), speed)
+            due_s = torch.where(both, 0.5 * (due_s + before_s), due_s)
+            moves = moves & (~same | both)[:, None]
+            choice.due_s[:, hand] = torch.where(moves[:, 0], due_s, choice.due_s[:, hand])
+            choice.velocity[:, hand] = torch.where(moves, speed, choice.velocity[:, hand])
         choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
         choice.seen[:, hand] = torch.where(moves, there, choice.seen[:, hand])
     if aims is not None:
         choice.width = torch.where(new & placed, aims[1], choice.width)
     choice.move = torch.where(new & placed, move, choice.move)
     choice.move = torch.where(new & (number == rest), -1, choice.move)
+    choice.due_s = torch.where(is_strike(choice.move), choice.due_s, torch.nan)
     if options.free:
         primitives.begin_free(choice, new & (number > rest), (number - rest - 1).clamp(min=0))

@@ -36,6 +36,9 @@ _SAME_HUE, _COLOURED, _SHADED = 0.25, 40, 0.45
 """Criteria for pixels of one shaded object: largest difference of hue (sixths of the circle), least
 chroma (largest minus smallest channel, of 255), and least brightness relative to the brighter
 pixel."""
+_ONE_THING_M, _COMING_MPS, _BACKGROUND = 0.25, 0.5, 0.125
+"""Radius within which a picture shows one thing, m; least speed of things that come towards a user,
+m/s; share of a picture that is no thing."""
 _CLEAR, _ENOUGH = 128, 0.25
 """Colour difference, and proportion of a cell, above which an object is not more salient."""
 
@@ -135,6 +138,62 @@ class DepthGrid:
         local = (ahead * far.clamp(max=FAR_M)[:, None]).reshape(*cells.shape, 3)
         placed = torch.einsum("nij,nhj->nhi", turned, local) + head[:, None]
         return placed, width.clamp(*WIDTHS_M).reshape(cells.shape)
+
+    def coming(
+        self,
+        pictures: Tensor,
+        places: Tensor,
+        head: Tensor,
+        turned: Tensor,
+        before: Tensor,
+        apart_s: float,
+    ) -> Tensor:
+        """Return (K, 3) velocities of things that come towards the user, world, m/s; 0 of others.
+
+        A thing is compared with what had its colour in the picture before, nearest to it.
+        What comes, comes from ahead, and is faster than it moves aside.
+
+        Args:
+            pictures: (K, 8, H, W) uint8: red, green, blue and depth, now and before.
+            places: (K, 3) of the things, m; ``head`` and ``turned``: as in :meth:`places`.
+            before: (K, 4, 4) poses of the head before.
+            apart_s: time between the pictures, s.
+        """
+        local = torch.einsum("kji,kj->ki", turned, places - head)
+        at = -0.5 * self.height * local[:, 1:] / local[:, :1].clamp(min=1e-3)
+        column = (at[:, 0] + 0.5 * (self.width - 1)).round().long().clamp(0, self.width - 1)
+        row = (at[:, 1] + 0.5 * (self.height - 1)).round().long().clamp(0, self.height - 1)
+        count = len(places)
+        own = pictures[torch.arange(count), :3, row, column].short()[..., None, None]
+        middles, poses = [], ((head, turned), (before[:, :3, 3], before[:, :3, :3]))
+        for first, (eye, axes) in zip((0, 4), poses, strict=True):
+            off = (pictures[:, first : first + 3].short() - own).abs().amax(1)
+            same = (off <= _SAME_COLOUR) & (pictures[:, first + 3] < _NOTHING)
+            same &= same.sum((1, 2), keepdim=True) < _BACKGROUND * same[0].numel()
+            which, row, column = torch.nonzero(same, as_tuple=True)
+            left, up = self._left[row, column], self._up[row, column]
+            ray = torch.stack([torch.ones_like(left), left, up], 1)
+            far = _metres(pictures[which, first + 3, row, column].float())
+            seen = far[:, None] * torch.einsum("kij,kj->ki", axes[which], ray)
+            seen = seen + (eye - places)[which]
+            away = seen.norm(dim=1)
+            least = torch.full((count,), torch.inf).scatter_reduce(0, which, away, "amin")
+            nearest = torch.zeros(count, 3)
+            nearest[which[away == least[which]]] = seen[away == least[which]]
+            near = ((seen - nearest[which]).norm(dim=1) < _ONE_THING_M).float()[:, None]
+            pixels = torch.zeros(count, 1).index_add(0, which, near)
+            total = torch.zeros(count, 3).index_add(0, which, seen * near)
+            middles.append(total / pixels.clamp(min=1.0))
+        velocity = (middles[0] - middles[1]) / apart_s
+        ahead = functional.normalize(turned[:, :, 0] * torch.tensor([1.0, 1.0, 0.0]), dim=-1)
+        comes_mps = -(velocity * ahead).sum(-1, keepdim=True)
+        aside = velocity + comes_mps * ahead
+        aside_mps = aside.norm(dim=-1, keepdim=True)
+        # Less than a pixel aside is none.
+        unclear = 2.0 / self.height * local[:, :1] / apart_s
+        aside = torch.where(aside_mps > unclear, aside, torch.zeros(()))
+        comes = (comes_mps > _COMING_MPS) & (comes_mps > aside_mps) & (pixels > 0.0)
+        return (aside - comes_mps * ahead) * comes
 
     def something(self, depth: Tensor) -> Tensor:
         """Return (N, cells) True for cells with a surface within ``FAR_M``.

@@ -639,6 +639,7 @@ class HumanHands:
             lag = torch.relu(best - self.left_s) * ~passes
             later = self.left_s + PLAN.extends * lag
             left = torch.where(self.left_s.isnan() | done, best, later)
+            left = torch.where(goals.due_s.isnan(), left, goals.due_s)
             over = ((left <= 0.5 * step_s) & ~passes & (far < 0.5 * goals.width)).float()
             # Late errors are corrected beyond the goal.
             time_s = left.clamp(min=PLAN.shortest_s)

@@ -42,6 +42,7 @@ class MotorGoals:
         width: (B, H) diameter of the target, m; plain layers do not know it.
         rays: (B, H) 1 for a hand of a person that turns its aim ray to the place. Its tip is the
             point of the ray that is as far away as the place.
+        due_s: (B, H) in how long a hand of a person shall be there, s; NaN: when it likes.
     """
 
     tip: Tensor
@@ -52,6 +53,7 @@ class MotorGoals:
     active: Tensor
     width: Tensor
     rays: Tensor
+    due_s: Tensor
 
     @staticmethod
     def none(users: int, hands: int) -> MotorGoals:
@@ -64,7 +66,9 @@ class MotorGoals:
             return torch.zeros(users, hands)
 
         width = torch.full((users, hands), WIDTH_M)
-        return MotorGoals(zeros(), zeros(), zeros(), plain(), zeros(), plain(), width, plain())
+        free = torch.full((users, hands), torch.nan)
+        goals = (zeros(), zeros(), zeros(), plain(), zeros(), plain(), width, plain(), free)
+        return MotorGoals(*goals)
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything, by name."""

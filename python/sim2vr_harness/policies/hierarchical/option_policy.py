@@ -22,6 +22,7 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.policies.hierarchical.action_selection import (
+    BEFORE_S,
     OptionScene,
     choose,
     committed,
@@ -53,8 +54,6 @@ from sim2vr_harness.world_models.transitions import Motion
 if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
 
-BEFORE_S = 0.2
-"""Time between the two images of an observation, s."""
 _QUIET = -20.0
 """Logarithm of the deviation of actions: what is decided is done."""
 
@@ -295,7 +294,8 @@ class HierarchicalPolicy(nn.Module):
             fovea, depth, gaze = (torch.from_numpy(np.array(observations[key])) for key in keys)
             middle = torch.from_numpy(gaze_slopes(gaze.numpy() * self._gaze_range_deg))
             seen = (*seen, fovea, depth[:, 0], middle.float())
-        memory.seen = [*memory.seen, seen][-1 - int(moment.decides.max()) :]
+        kept = 1 + int(moment.decides.max()) + round(BEFORE_S / self.layer.step_s)
+        memory.seen = [*memory.seen, seen][-kept:]
         return moment
 
     def _feel(self, observations: Observation) -> Moment:
@@ -314,10 +314,13 @@ class HierarchicalPolicy(nn.Module):
             parts = zip(*each, strict=True)
             seen = tuple(torch.stack([one[i] for i, one in enumerate(part)]) for part in parts)
         pictures, head, *fovea = seen
+        earlier = np.minimum(ago + round(BEFORE_S / self.layer.step_s), memory.age)
+        before = torch.stack([memory.seen[-1 - int(k)][1][i] for i, k in enumerate(earlier)])
         at, turned = head[:, :3, 3], head[:, :3, :3]
         moving = self.primitives.tips(*moment.placed)
         eye = Fovea(self._fovea_pixel_m, *fovea) if fovea else None
-        return OptionScene(self.values.sight, pictures, at, turned, *moving, eye)
+        late_s = torch.from_numpy(ago).float() * self.layer.step_s
+        return OptionScene(self.values.sight, pictures, at, turned, *moving, eye, before, late_s)
 
     def decide(self, moment: Moment, memory: Memory) -> None:
         """Select new options for the users whose last option is finished."""
@@ -341,7 +344,8 @@ class HierarchicalPolicy(nn.Module):
             choice, scene.tips, scene.something, scene.places, hold, primitives
         )
         chosen = committed(values, something, choice, scene.places, primitives).numpy()
-        choose(choice, chosen, scene.places, primitives, aims=scene.aims(choice, chosen))
+        aims = scene.aims(choice, chosen, primitives.options)
+        choose(choice, chosen, scene.places, primitives, aims=aims, late_s=scene.late_s)
         return choice
 
     def move(self, moment: Moment, memory: Memory) -> NDArray[np.float32]:

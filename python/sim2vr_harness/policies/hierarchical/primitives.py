@@ -38,6 +38,7 @@ __all__ = [
     "Manner",
     "OptionChoice",
     "PrimitiveController",
+    "is_strike",
     "is_swing",
     "points",
 ]
@@ -51,6 +52,11 @@ because the front of a tool arrives first."""
 _FURTHER = 1.25
 """Distance at which a hand begins a strike, as a multiple of the run-up."""
 _REACHED_M = 0.06
+_AHEAD_S, _SOON_S = torch.arange(0.0, 2.5, 0.05), 0.2
+"""Times at which the way of a thing that comes is followed ahead, and the shortest time in which a
+hand comes to meet it, s."""
+_SWING_S, _GONE_S = 0.4, 0.1
+"""Time before a meeting at which a hand leaves the start of its run-up, and after it is over, s."""
 _DEPTH_WEIGHT = 0.2
 """Weight of depth relative to height and side in the search for the nearest reachable place."""
 
@@ -136,6 +142,11 @@ def is_swing(move: Tensor) -> Tensor:
     return (move >= len(MOVES) - len(SIDEWAYS)) & (move < len(MOVES))
 
 
+def is_strike(move: Tensor) -> Tensor:
+    """Return True for each move, by number, that goes through a place."""
+    return is_swing(move) | (move == _PUSH)
+
+
 def points(move: Tensor) -> Tensor:
     """Return True for each move, by number, that points at a place."""
     return move == _POINT
@@ -200,6 +211,8 @@ class OptionChoice:
         free_left: (N, H) remaining user steps for which this option holds its input.
         tapped: (N, H) user steps since the hand went in for a tap; 0: it has not.
         tapped_at: (N, H, 3) target of this tap.
+        velocity: (N, H, 3) of a target that comes and is to be struck, m/s; 0: of others.
+        due_s: (N, H) time until such a target is at the place, s; NaN: of others.
     """
 
     def __init__(self, n: int, hands: int) -> None:
@@ -221,6 +234,8 @@ class OptionChoice:
         self.free_left = torch.zeros(n, hands, dtype=torch.long)
         self.tapped = torch.zeros(n, hands, dtype=torch.long)
         self.tapped_at = torch.full((n, hands, 3), torch.inf)
+        self.velocity = torch.zeros(n, hands, 3)
+        self.due_s = torch.full((n, hands), torch.nan)
 
     def copy(self) -> OptionChoice:
         """Return a copy."""
@@ -280,6 +295,52 @@ class PrimitiveController:
             if which.any():
                 found[which] = reach.nearest(found[which])
         return torch.from_numpy(found).float()
+
+    def meeting(
+        self,
+        hand: int,
+        move: Tensor,
+        there: Tensor,
+        velocity: Tensor,
+        wanted: Tensor,
+        late_s: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        """Return (K, 3) places to meet things at, and (K,) seconds until then; NaN: they rest.
+
+        It is the middle of the first part of the thing's way within reach, or as far along it as
+        the hand still comes.
+
+        Args:
+            move: (K,) numbers of the moves.
+            there: (K, 3) where the things were seen, m.
+            velocity: (K, 3) theirs, m/s; 0: of those that do not come.
+            wanted: (K, 3) where the hand goes for what does not come.
+            late_s: (K,) or (1,) how long ago they were seen, s.
+        """
+        due_s = torch.full((len(there),), torch.nan)
+        comes = velocity.abs().sum(-1) > 0.0
+        if not comes.any():
+            return wanted, due_s
+        late_s = late_s.expand(len(there))[comes]
+        way = there[comes, None] + velocity[comes, None] * _AHEAD_S[:, None]
+        reach, middle = self._reach[hand], is_swing(move[comes]).numpy()
+        flat = way.flatten(0, 1).numpy().astype(np.float64)
+        within = np.stack([each.within(flat, _REACHED_M) for each in reach])
+        tip, mid = within.reshape(2, len(way), -1)
+        inside = torch.from_numpy(np.where(middle[:, None], mid, tip))
+        inside &= late_s[:, None] < _AHEAD_S
+        first = inside.int().argmax(1)
+        number = torch.arange(len(_AHEAD_S))
+        left = (~inside & (number >= first[:, None])).int()
+        left[:, -1] = 1
+        last = left.argmax(1) - 1
+        soon = ((late_s + _SOON_S) / _AHEAD_S[1]).ceil().long()
+        at = torch.minimum(torch.maximum((first + last) // 2, soon), last).clamp(min=0)
+        met = inside.any(1)
+        wanted, place = wanted.clone(), way[torch.arange(len(way)), at]
+        wanted[comes] = torch.where(met[:, None], place, wanted[comes])
+        due_s[comes] = torch.where(met, _AHEAD_S[at] - late_s, torch.nan)
+        return wanted, due_s
 
     def near(self, places: Tensor, radius_m: float) -> NDArray[np.bool_]:
         """Return (K,) True for places (K, 3) within the radius of a tip's reachable positions."""
@@ -355,13 +416,26 @@ class PrimitiveController:
             hand_velocity = torch.where(pushes, (later - hand) / MOMENT_S, hand_velocity)
             now, velocity = torch.where(pushes, hand, hand_now), hand_velocity
         if not manner.by_hand:
-            self._run_up(goals, now, velocity)
+            self._run_up(goals, now, velocity, choice.due_s.isnan())
+        # A hand waits for what comes where its run-up begins.
+        timed = ~choice.due_s.isnan()
+        waits = (choice.due_s > _SWING_S)[..., None]
+        begin = goals.place - manner.run_up_m * torch.nn.functional.normalize(directions, dim=-1)
+        goals.place = torch.where(waits, begin, goals.place)
+        goals.velocity = torch.where(waits, torch.zeros(()), goals.velocity)
+        goals.due_s = torch.where(waits[..., 0], torch.nan, choice.due_s)
+        choice.due_s = torch.where(
+            choice.due_s > -_GONE_S, choice.due_s - self.layer.step_s, torch.nan
+        )
         way = goals.place - now
         far = way.norm(dim=-1)
         closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)
         comes = torch.where(self.lifts[..., 0] > 0.0, _TOUCH_MPS, _STRAIGHT_MPS)
         slow = torch.where(touches[..., 0], comes, torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
+        goals.left_s = torch.where(
+            timed & ~waits[..., 0], goals.due_s.clamp(min=0.05), goals.left_s
+        )
         goals.active = (choice.move >= 0).float()
         if pointing.any():
             goals.place = torch.where(pointing[..., None], choice.seen, goals.place)
@@ -465,20 +539,21 @@ class PrimitiveController:
         choice.free = torch.where(which, option, choice.free)
         choice.free_left[which] = max(1, round(_PULL_S / self.layer.step_s))
 
-    def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:
+    def _run_up(self, goals: MotorGoals, now: Tensor, velocity: Tensor, free: Tensor) -> None:
         """Send hands back that are about to go through their place too slowly.
 
         Args:
             goals: changed in place.
             now: (N, H, 3) where the tips are.
             velocity: (N, H, 3) theirs.
+            free: (N, H) False for hands that have a time to be there.
         """
         speed, run_up = goals.velocity.norm(dim=-1, keepdim=True), self.manner.run_up_m
         direction = goals.velocity / speed.clamp(min=1e-6)
         before = ((goals.place - now) * direction).sum(-1, keepdim=True)
         due = self.manner.slowest * speed * (1.0 - before / run_up).clamp(max=1.0)
         late = (velocity * direction).sum(-1, keepdim=True) < due
-        back = late & (speed > 0.0)
+        back = late & (speed > 0.0) & free[..., None]
         begin = goals.place - _FURTHER * run_up * direction
         goals.place = torch.where(back, begin, goals.place)
         goals.velocity = torch.where(back, torch.zeros(()), goals.velocity)

@@ -483,7 +483,12 @@ class OptionQLearning(State):
                 chosen[i, hand] = self._tried[i, hand] = self._exploration.draw(near, far)
                 self._trying[i, hand] = self._exploration.steps(int(chosen[i, hand]))
         self._trying -= SETTINGS.decide_steps
-        choose(choice, chosen, scene.places, primitives, changed, scene.aims(choice, chosen))
+        aims = scene.aims(choice, chosen, primitives.options)
+        choose(choice, chosen, scene.places, primitives, changed, aims, scene.late_s)
+        # A try that meets something lasts until then.
+        step_s = self.policy.layer.step_s
+        until = (choice.due_s.nan_to_num() / step_s).ceil().long().numpy()
+        self._trying = np.where(anew, np.maximum(self._trying, until), self._trying)
         seen = {name: getattr(scene, name).numpy()[None] for name in SCENE}
         seen["pictures"] = seen["pictures"].transpose(0, 1, 3, 4, 2)
         self._decisions.append({**seen, "chosen": chosen[None]})

@@ -49,7 +49,7 @@ _VIGOURS, _MANNER_S = (1.0, 3.3, 11.0, 36.0), 5.0
 comparison."""
 _PICTURES = "pictures.bin"
 _SAVE_DECISIONS, _REPORT_DECISIONS = 100, 20
-_MEASURED_SHARE = 0.75
+_MEASURED_SHARE = 0.4
 """Proportion of the user steps in which the measured body plays, with delayed images only, before
 persons do: an app's rewards do not depend on the player, and persons move slowly."""
 _COMPARED_SHARE = 0.5

@@ -132,3 +132,33 @@ def test_the_fovea_measures_what_the_gaze_is_on(seen: str) -> None:
     else:
         assert place[0].tolist() == pytest.approx([far, -0.003, 0.0], abs=0.001)
         assert float(width) == pytest.approx(0.02, abs=0.001)
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 6.0])
+@pytest.mark.parametrize(
+    ("before_m", "expected_mps"),
+    [(5.0, -5.0), (4.0, 0.0), (3.0, 0.0)],
+)
+def test_what_comes_is_told_from_what_stands_or_goes(
+    before_m: float, expected_mps: float, turned_deg: float
+) -> None:
+    """A square of 0.4 m, now 4 m ahead and 0.2 m to the left, whatever the head did meanwhile."""
+    half = np.radians(turned_deg) / 2.0
+    heads = [np.array([[1.0, 0.0, 0.0, 0.0]]), np.array([[np.cos(half), 0.0, 0.0, np.sin(half)]])]
+    picture = torch.zeros(1, 8, 80, 120, dtype=torch.uint8)
+    picture[0, 3], picture[0, 7] = 255, 255
+    row, column = torch.meshgrid(torch.arange(80), torch.arange(120), indexing="ij")
+    ray = torch.stack([torch.ones(80, 120), -(column - 59.5) / 40.0, -(row - 39.5) / 40.0])
+    for first, far, head in zip((0, 4), (4.0, before_m), heads, strict=True):
+        axes = rotation(head)[0]
+        world = torch.einsum("ij,jrc->irc", axes, ray)
+        depth = far / world[0]
+        square = ((world[1] * depth - 0.2).abs() < 0.2) & ((world[2] * depth).abs() < 0.2)
+        picture[0, first][square] = 250
+        picture[0, first + 3][square] = (depth[square] * 255.0 / FAR_M).round().to(torch.uint8)
+    poses = torch.eye(4)[None].clone()
+    poses[:, :3, :3] = rotation(heads[1])
+    given = torch.tensor([[4.0, 0.2, 0.0]]), torch.zeros(1, 3), rotation(heads[0]), poses
+    found = DepthGrid(80, 120).coming(picture, *given, 0.2)[0]
+    assert float(found[0]) == pytest.approx(expected_mps, abs=0.2)
+    assert found[1:].abs().max() < 0.5

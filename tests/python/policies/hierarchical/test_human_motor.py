@@ -125,6 +125,17 @@ def test_durations_follow_from_costs() -> None:
     assert float(eager) == pytest.approx(0.648 / 2.0**0.5, abs=0.03)
 
 
+def test_a_hand_with_a_time_is_there_then(policy: HumanMotorPolicy, user: UserConfig) -> None:
+    """The plan's time left is what the goal says, whatever a movement would take by itself."""
+    hands, target = HumanHands(policy, USERS), goals(policy)
+    target.velocity[..., 1] = 1.3
+    for left_s in (0.35, 0.3, 0.25):
+        target.due_s[:2] = left_s
+        hands.act(motion(policy, user, 1), target)
+        torch.testing.assert_close(hands.left_s[:2], torch.full((2, 1), left_s - STEP_S))
+    assert (hands.left_s[2:] > 0.25).all()
+
+
 def test_commands_are_the_cheapest_between_nothing_and_all() -> None:
     """Of random problems, 5 % beside the best cost at most; SciPy solves them to the end."""
     rng = np.random.default_rng(2)

@@ -119,7 +119,7 @@ def test_hands_go_to_the_middle_of_a_thing_and_not_of_its_cell(layer: MotorPolic
     primitives, choice = controller(layer, "right.thumbstick_x"), OptionChoice(1, 1)
     cells = torch.tensor([0.4, -0.2, 1.2])[None, :, None, None].repeat(1, 1, 2, 2)
     middle = torch.tensor([0.41, -0.18, 1.21])
-    aims = (middle[None, None], torch.tensor([[0.02]]))
+    aims = (middle[None, None], torch.tensor([[0.02]]), torch.zeros(1, 1, 3))
     choose(choice, np.array([[2]]), cells, primitives, aims=aims)
     assert choice.move[0, 0] == MOVES.index("touch")
     assert choice.seen[0, 0].tolist() == pytest.approx(middle.tolist())
@@ -131,6 +131,42 @@ def test_hands_go_to_the_middle_of_a_thing_and_not_of_its_cell(layer: MotorPolic
     pushed = primitives.goals(choice, torch.zeros(1, 3), place, place)
     assert choice.move[0, 0] == MOVES.index("push")
     assert float(pushed.width) == pytest.approx(WIDTH_M)  # what suits a push, whatever the thing
+
+
+def test_a_strike_meets_what_comes_and_waits_for_it_at_its_run_up(layer: MotorPolicy) -> None:
+    """A thing 3.7 m ahead, seen .2 s ago, comes at 4 m/s: it is in reach in .55 to .65 s.
+
+    Hands reach the points of a line from 0.7 to 0.3 m here. The hand goes to where the thing will
+    be in the middle of it, first 0.4 m before, against the direction of the strike.
+    """
+    line = torch.eye(4).repeat(41, 1, 1, 1)
+    line[:, 0, 0, 3], line[:, 0, 1, 3] = torch.linspace(0.3, 0.7, 41), -0.2
+    options = option_set((), None)
+    primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), line, options)
+    choice, cell = OptionChoice(1, 1), torch.zeros(1, 3, 1, 1)
+    there = torch.tensor([[[3.7, -0.2, 0.0]]])
+    aims = (there, torch.full((1, 1), 0.1), torch.tensor([[[-4.0, 0.0, 0.0]]]))
+    left = np.array([[MOVES.index("left")]])
+    choose(choice, left, cell, primitives, aims=aims, late_s=torch.tensor([0.2]))
+    assert choice.place[0, 0].tolist() == pytest.approx([0.5, -0.2, 0.0], abs=1e-5)
+    assert float(choice.due_s) == pytest.approx(3.2 / 4.0 - 0.2)
+    # Then it is not seen to come, where it was to be: the hand still meets it.
+    place, head = line[:1], torch.zeros(1, 3)
+    waits = primitives.goals(choice, head, place, place)
+    for _ in range(6):
+        strikes = primitives.goals(choice, head, place, place)
+        now = torch.tensor([[[0.5 + 4.0 * float(choice.due_s), -0.2, 0.0]]])
+        hidden = (now, aims[1], torch.zeros(1, 1, 3))
+        choose(choice, left, cell, primitives, aims=hidden, late_s=torch.tensor([0.0]))
+    assert waits.velocity.abs().max() == 0.0 and waits.due_s.isnan().all()
+    assert waits.place[0, 0].tolist() == pytest.approx([0.5, -0.6, 0.0], abs=1e-5)
+    assert strikes.place[0, 0].tolist() == pytest.approx([0.5, -0.2, 0.0], abs=1e-5)
+    assert strikes.velocity[0, 0].tolist() == pytest.approx([0.0, 2.0, 0.0], abs=1e-5)
+    assert float(strikes.due_s) == pytest.approx(0.3) == float(strikes.left_s)
+    # Another thing, which does not come, is struck at once.
+    far = (torch.tensor([[[0.4, -0.2, 0.0]]]), aims[1], torch.zeros(1, 1, 3))
+    choose(choice, left, cell, primitives, aims=far)
+    assert choice.due_s.isnan().all() and float(choice.place[0, 0, 0]) == pytest.approx(0.4)
 
 
 def test_a_run_keeps_the_ray_of_its_page(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -65,7 +65,8 @@ guides() { .venv/bin/python tools/docs/run_guides.py --limit 600; }
 # As in the workflow that designers copy (docs/examples/ci_workflow.yml): pip installs a wheel and the checks
 # pass, for an account that is not the checkout's owner.
 wheel() {
-  local folder as=()
+  local folder as=() pip
+  mapfile -t pip < <(env | grep ^PIP_)  # where packages come from
   ((EUID == 0)) && as=(runuser -u "${SIM2VR_ACCOUNT:-nobody}" --)
   PYTHON=.venv/bin/python tools/dev/wheel.sh || return 1
   folder=$(mktemp -d /tmp/sim2vr-wheel.XXXX)
@@ -86,7 +87,7 @@ sim2vr-harness evaluate pretrained:whacamole_people --condition easy --episodes 
 END
   if ((EUID == 0)); then chown -R "${SIM2VR_ACCOUNT:-nobody}" "$folder"; fi
   (cd "$folder" && "${as[@]}" env -i HOME="$folder" TMPDIR="$folder" PATH="$folder/venv/bin:/usr/bin:/bin" \
-    bash -euo pipefail all.sh) && rm -rf "$folder"
+    "${pip[@]}" bash -euo pipefail all.sh) && rm -rf "$folder"
 }
 
 container() {

@@ -183,7 +183,7 @@ def commands(text: str) -> list[str]:
             part += line.removeprefix(match[1]) + "\n"
             loop = len(re.findall(r"^\s*for\b", part, re.M)) > len(re.findall(r"\bdone\b", part))
             if not line.endswith("\\") and not loop:
-                if part.strip():
+                if part.strip() and not part.lstrip().startswith("#"):
                     found.append(part.strip())
                 part = ""
     return found

@@ -1,6 +1,7 @@
 """How far users reach, against geometry worked out by hand."""
 
 import csv
+import html
 import json
 import re
 from pathlib import Path
@@ -330,14 +331,15 @@ def test_tables_and_page(found: Measured, tmp_path: Path, monkeypatch: pytest.Mo
     assert float(near["margin_cm"]) == pytest.approx(10.0, abs=0.2)
     assert float(far["nearest_ahead_m"]) == pytest.approx(FAR, abs=1e-3)
     text = (tmp_path / "hull.html").read_text()
-    assert "1 of 2 targets cannot be reached" in text
-    assert "&lt;far&gt;" in text
+    answer = "ball_arm cannot reach 1 of 2 targets with grip; out of reach: <far> by 7.0 cm."
+    assert html.escape(answer) in text
     assert "outside by 7.0 cm" in text
     assert not re.search(r"<(script|link)[^>]*\b(src|href)=(?!.data:)", text), (
         "opens without a network"
     )
     lines = hull.told(found)
-    assert lines[4:] == [
+    assert lines[0] == answer
+    assert lines[5:] == [
         "  near: inside, 10.1 cm to spare; 2 of 3 participants, at worst outside by 2.5 cm",
         "  <far>: outside by 7.0 cm; in no round of participants",
     ]

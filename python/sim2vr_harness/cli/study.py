@@ -119,9 +119,7 @@ def study(request: StudyRequest) -> int:
         raise InputError("--user", f"it with {file}", expected)
     if request.plan or request.difference:
         # Print what the study would play, and how many units differences need.
-        from rich.console import Console
-
-        from sim2vr_harness.cli.studies import plan_tables
+        from sim2vr_harness.cli.studies import plan_tables, print_tables
 
         if not request.plan:
             raise InputError(
@@ -130,8 +128,7 @@ def study(request: StudyRequest) -> int:
         if checked.asked:
             raise InputError("--plan", "it together with --expect or --against", "one of them")
         how = (file, request.out, request.difference)
-        for table in plan_tables(*how, trust_app=request.trust_app):
-            Console().print(table)
+        print_tables(plan_tables(*how, trust_app=request.trust_app))
         return 0
     with Shown() as progress:
         found = run_study(
@@ -264,7 +261,8 @@ def _tell(found: Any, report: bool) -> None:
         from sim2vr_harness.studies.report import write_report
 
         written = write_report(found.data.root)
-        typer.echo(f"Written: {written.page}{f', {written.pdf}' if written.pdf else ''}")
+        pages = f"{written.page}{f', {written.pdf}' if written.pdf else ''}"
+        typer.echo(f"Written: {pages}\n{written.answer}")
 
 
 def _effects(request: StudyRequest, *, asked: bool) -> int:
@@ -306,11 +304,8 @@ def _effects(request: StudyRequest, *, asked: bool) -> int:
 
 def _print(data: StudyData) -> None:
     """Print comparisons, and what users were not trained for."""
-    from rich.console import Console
+    from sim2vr_harness.cli.studies import comparison_table, print_tables
 
-    from sim2vr_harness.cli.studies import comparison_table
-
-    for table in comparison_table(data):
-        Console().print(table)
+    print_tables(comparison_table(data))
     for line, cells in data.unpractised.items():
         typer.echo(f"note: not trained for: {line} ({counted(len(cells), 'cell')})", err=True)

@@ -161,8 +161,8 @@ class Program:
             except AppDied as error:
                 if "DISPLAY" in self._launch.environment or not _DISPLAY.search(str(error)):
                     raise
-                # Without one it would fail another time, too.
-                raise AppRefused(f"--xvfb: got no display, expected this option; {error}") from error
+                words = f"--xvfb: got no display, expected this option; {error}"
+                raise AppRefused(words) from error  # it would fail another time, too
 
     def greet_if_there(self) -> None:
         """The same as far as its messages are there; failures are kept for :meth:`greet`."""

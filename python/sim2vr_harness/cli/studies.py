@@ -57,11 +57,9 @@ def comparison_table(data: StudyData) -> Iterator[RenderableType]:
     if "search" in data.about:
         yield from _best_of(data)
         return
-    found = data.statistics
-    if found["summaries"]:
-        summaries = found["summaries"]
-        measures = data.about["measures"]
-        digits = _digits(summaries, measures)
+    summaries, results = data.statistics["summaries"], data.statistics["results"]
+    digits = _digits(summaries, data.about["measures"])
+    if summaries:
         rows = []
         for row in summaries:
             decimals = digits[row["measure"]]
@@ -75,11 +73,8 @@ def comparison_table(data: StudyData) -> Iterator[RenderableType]:
             ])  # fmt: skip
         names = [*summaries[0]["levels"], "measure", "n", "mean", "SD", "95 % interval"]
         yield _table(f"Mean and SD over units (unit: {summaries[0]['unit']})", names, rows)
-    if found["results"]:
-        yield from _results_table(
-            found["results"], _digits(found["summaries"], data.about["measures"])
-        )
-    for note in dict.fromkeys(_notes(found["summaries"], found["results"])):
+    yield from _results_table(results, digits)
+    for note in dict.fromkeys(_notes(summaries, results)):
         yield Text(f"note: {note}")
 
 

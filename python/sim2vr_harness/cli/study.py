@@ -17,7 +17,6 @@ from sim2vr_harness.cli.options import Checked, CheckedRun
 
 if TYPE_CHECKING:
     from sim2vr_harness.client import GameFacts
-    from sim2vr_harness.studies.data import StudyData
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,8 +252,12 @@ def _measures(facts: GameFacts, *, scripted: bool) -> list[str]:
 
 
 def _tell(found: Any, report: bool) -> None:
-    """Print what was played, and write the report."""
-    _print(found.data)
+    """Print comparisons, what users were not trained for and what was played; write the report."""
+    from sim2vr_harness.cli.studies import comparison_table, print_tables
+
+    print_tables(comparison_table(found.data))
+    for line, cells in found.data.unpractised.items():
+        typer.echo(f"note: not trained for: {line} ({counted(len(cells), 'cell')})", err=True)
     done = f"{found.played} of {found.played + found.found} cells and trainings"
     typer.echo(f"Played: {done}\nWritten: {found.data.root}")
     if report:
@@ -300,12 +303,3 @@ def _effects(request: StudyRequest, *, asked: bool) -> int:
     Console().print(shown)
     typer.echo(f"{score(found)}\nWritten: {out / 'effects.html'}")
     return 0
-
-
-def _print(data: StudyData) -> None:
-    """Print comparisons, and what users were not trained for."""
-    from sim2vr_harness.cli.studies import comparison_table, print_tables
-
-    print_tables(comparison_table(data))
-    for line, cells in data.unpractised.items():
-        typer.echo(f"note: not trained for: {line} ({counted(len(cells), 'cell')})", err=True)

@@ -48,6 +48,8 @@ _PICTURE = (1280, 720)
 _MOST_POINTS = 1500
 """Of the surface of the reach, in space."""
 _BALL_M = 0.025
+_MOST_NAMES = 3
+"""Of targets out of reach, in the answer."""
 _ROOM_RGBA, _INSIDE_RGBA, _OUTSIDE_RGBA = (
     (0.16, 0.45, 0.85, 0.20),
     (0.10, 0.65, 0.20, 1.0),
@@ -331,12 +333,6 @@ class Measured:
     verdicts: tuple[Verdict, ...]
     people: FloatArray
 
-    @property
-    def missed(self) -> list[str]:
-        """Names of the targets that cannot be reached."""
-        pairs = zip(self.targets, self.verdicts, strict=True)
-        return [target.name for target, verdict in pairs if not verdict.inside]
-
 
 def chosen_point(body: Body, name: str | None) -> Point:
     """Return the point of a body that a name stands for: a device, site or part of its model.
@@ -469,11 +465,11 @@ def margin_words(margin_m: float) -> str:
 
 
 def told(found: Measured) -> list[str]:
-    """Return lines on the reach: its volume, its extent along the axes, and each target.
+    """Return lines on the reach: the answer, volume, extent along the axes, and each target.
 
     For a target with participants, for example: ``9 of 10 people, at worst outside by 2.5 cm``.
     """
-    lines = [_caption(found)]
+    lines = [_answer(found), f"Within reach: {found.volume.litres:,.0f} litres"]
     for name, low, high in zip(("right", "up", "ahead"), *found.extent_m, strict=True):
         lines.append(f"  {name:5} {low:7.3f} to {high:6.3f} m")
     for target, verdict, margins in zip(found.targets, found.verdicts, found.people.T, strict=True):
@@ -488,12 +484,20 @@ def told(found: Measured) -> list[str]:
     return lines
 
 
-def _caption(found: Measured) -> str:
-    text = f"{found.body.name}, {found.point.part}: {found.volume.litres:,.0f} litres within reach"
-    if not found.targets:
-        return text
-    inside = len(found.targets) - len(found.missed)
-    return f"{text}, {inside} of {len(found.targets)} targets"
+def _answer(found: Measured) -> str:
+    """Say who can reach how many targets, and by how much the others are out of reach."""
+    body, n, point = found.body, len(found.targets), found.point.part
+    stature = f"{body.stature_m:.2f} m" if body.stature_m is not None else ""
+    traits = ", ".join(filter(None, (stature, body.stance)))
+    who = f"{body.name} ({traits})" if traits else body.name
+    pairs = zip(found.targets, found.verdicts, strict=True)
+    off = [f"{t.name} by {-100 * v.margin_m:.1f} cm" for t, v in pairs if not v.inside]
+    if not off:
+        what = f"all {n} targets" if n else f"{found.volume.litres:,.0f} litres"
+        return f"{who} can reach {what} with {point}."
+    named = ", ".join(off[:_MOST_NAMES])
+    named += f" and {len(off) - _MOST_NAMES} more" if len(off) > _MOST_NAMES else ""
+    return f"{who} cannot reach {len(off)} of {n} targets with {point}; out of reach: {named}."
 
 
 def write(found: Measured, out: Path) -> list[Path]:
@@ -538,13 +542,21 @@ def write_picture(found: Measured, file: Path) -> Path:
     qpos = np.array(_resting(found.body).qpos)
     x, y, z = found.reach.points.mean(axis=0).tolist()
     with UserRenderer(found.body, _PICTURE[0] // 2, _PICTURE[1]) as renderer:
+        middle = np.array(_PICTURE) / (4, 2)
+        places = position_to_mujoco(np.reshape([t.place_m for t in found.targets], (-1, 3)))
+        away_m = float(np.linalg.norm(places - [x / 2, y / 2, z], axis=1).max(initial=0.0))
         for azimuth in (150.0, 60.0):
-            view = OrbitView((0.5 * x, 0.5 * y, 0.88 * z), 2.8, azimuth, -14.0)
+            # From as far as shows all targets below the caption.
+            for distance_m in np.arange(max(2.8, away_m + 0.5), 3.0 * away_m + 5.0, 0.2).tolist():
+                view = OrbitView((x / 2, y / 2, 0.88 * z), distance_m, azimuth, -14.0)
+                if (np.abs(renderer.project(places, view) - middle) < middle - (20, 65)).all():
+                    break
             views.append(renderer.render(qpos, view, scene=things))
     image = Image.fromarray(np.concatenate(views, axis=1))
     draw = ImageDraw.Draw(image)
     draw.rectangle((0, 0, _PICTURE[0], 40), fill=(24, 26, 30))
-    draw.text((14, 20), _caption(found), (236, 236, 236), ImageFont.load_default(19), anchor="lm")
+    text = _answer(found).partition(";")[0]
+    draw.text((14, 20), text, (236, 236, 236), ImageFont.load_default(19), anchor="lm")
     with naming(file):
         image.save(file)
     return file
@@ -588,7 +600,6 @@ def write_page(found: Measured, picture: Path, file: Path) -> Path:
     Raises:
         InputError: Plotly is not installed.
     """
-    names = found.missed
     low, high = found.extent_m
     words = (
         f"Reach is everywhere that {found.point.part} can be brought within the limits of "
@@ -596,12 +607,8 @@ def write_page(found: Measured, picture: Path, file: Path) -> Path:
         f"right, {low[1]:.2f} to {high[1]:.2f} m up and {low[2]:.2f} to {high[2]:.2f} m ahead. "
         "Origin: the floor below the body. Collisions with oneself and strength do not count."
     )
-    answer = f"{found.volume.litres:,.0f} litres are within reach."
     first: list[Part] = [image(picture.read_bytes(), "The body and its reach")]
     if found.targets:
-        answer = f"All {len(found.targets)} targets can be reached."
-        if names:
-            answer = f"{len(names)} of {len(found.targets)} targets cannot be reached."
         rows, pairs = [], zip(found.targets, found.verdicts, strict=True)
         for target, verdict in pairs:
             place = [f"{value:.3f}" for value in target.place_m]
@@ -615,7 +622,7 @@ def write_page(found: Measured, picture: Path, file: Path) -> Path:
     title = f"What can {found.point.part} of {found.body.name} reach?"
     sections: list[tuple[str, list[Part]]] = [("What limits this answer", [words])]
     sections.append(("Reach in space", [turned]))
-    return save_page(file, title, answer, first, sections)[0]
+    return save_page(file, title, _answer(found), first, sections)[0]
 
 
 def _space(found: Measured) -> Panel:

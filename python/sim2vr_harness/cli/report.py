@@ -37,6 +37,7 @@ def report(request: ReportRequest) -> None:
     from sim2vr_harness.studies.report import write_report
 
     found = write_report(request.folder, request.out, stills=request.figures)
+    typer.echo(found.answer)
     for page in filter(None, (found.page, found.pdf)):
         typer.echo(f"Written: {page}")
     if found.figures:

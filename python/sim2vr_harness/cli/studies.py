@@ -8,11 +8,11 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 from rich import box
-from rich.console import RenderableType
+from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sim2vr_harness.studies.runner import StudyProgress
 
 _CONVINCING = 0.001
-_NAME_COLUMNS = 16
-"""Longer names go on in the next line."""
 _MOST_BEST = 4
 """Trials that fit 80 columns beside the names of their numbers."""
 
@@ -47,44 +45,36 @@ class Shown:
         typer.echo(f"[{progress.done}/{progress.total}] {what}{failed} ({seconds:.0f} s)", err=True)
 
 
+def print_tables(tables: Iterator[RenderableType]) -> None:
+    """Print tables; one that is too wide for the terminal keeps its words whole."""
+    wide = Console(width=1000)
+    for table in tables:
+        Console(width=max(Console().width, wide.measure(table).minimum)).print(table)
+
+
 def comparison_table(data: StudyData) -> Iterator[RenderableType]:
     """Yield a table of means per condition, and one of the comparisons; of a search its best."""
     if "search" in data.about:
         yield from _best_of(data)
         return
-    found = data.statistics
-    if found["summaries"]:
-        summaries = found["summaries"]
-        measures = data.about["measures"]
-        digits = _digits(summaries, measures)
+    summaries, results = data.statistics["summaries"], data.statistics["results"]
+    digits = _digits(summaries, data.about["measures"])
+    if summaries:
         rows = []
         for row in summaries:
             decimals = digits[row["measure"]]
             rows.append([
-                *map(_foldable, row["levels"].values()),
-                _foldable(row["measure"]),
+                *map(str, row["levels"].values()),
+                row["measure"],
                 _of(str(row["n"]), row),
                 _plain(row["mean"], decimals),
                 _plain(row["sd"], decimals),
                 _interval(row, decimals),
             ])  # fmt: skip
-        names = [
-            *map(_foldable, summaries[0]["levels"]),
-            "measure",
-            "n",
-            "mean",
-            "SD",
-            "95 % interval",
-        ]
-        summary_table = _table(
-            f"Mean and SD over units (unit: {summaries[0]['unit']})", names, rows
-        )
-        yield summary_table
-    if found["results"]:
-        yield from _results_table(
-            found["results"], _digits(found["summaries"], data.about["measures"])
-        )
-    for note in dict.fromkeys(_notes(found["summaries"], found["results"])):
+        names = [*summaries[0]["levels"], "measure", "n", "mean", "SD", "95 % interval"]
+        yield _table(f"Mean and SD over units (unit: {summaries[0]['unit']})", names, rows)
+    yield from _results_table(results, digits)
+    for note in dict.fromkeys(_notes(summaries, results)):
         yield Text(f"note: {note}")
 
 
@@ -114,8 +104,8 @@ def plan_tables(
     unit = {"person": "participants", "user": "users"}.get(unit_of(study), unit_of(study))
     rows = [
         [
-            " - ".join(map(_foldable, one.levels)),
-            _foldable(one.measure),
+            " - ".join(map(str, one.levels)),
+            one.measure,
             "-" if one.sd is None else f"{one.sd:.3g}",
             "-" if one.difference is None else f"{one.difference:.3g}",
             f"{one.standardised:.2f}",
@@ -124,7 +114,7 @@ def plan_tables(
         ]
         for one in sizes
     ]
-    names = ("compared", "measure", "SD", "difference", "in SD", "tests", unit)
+    names = ("compared", "measure", "SD", "difference", "in SD", "tests", "n")
     yield _table(f"{unit.capitalize()} needed (power 0.8, p < 0.05)", names, rows)
     known = (
         "of the results in " + str(root) if earlier is not None else "unknown: no earlier results"
@@ -148,10 +138,7 @@ def _best_of(data: StudyData) -> Iterator[RenderableType]:
     for first in range(0, len(best), _MOST_BEST):
         chosen = best.iloc[first : first + _MOST_BEST]
         rows = [
-            [
-                _foldable(name.removeprefix("parameter_")),
-                *(_value(v, digits.get(name)) for v in row),
-            ]
+            [name.removeprefix("parameter_"), *(_value(v, digits.get(name)) for v in row)]
             for name, row in ((name, chosen[name]) for name in names)
         ]
         yield _table(f"The best; {kept}", ["trial", *map(str, chosen["trial"])], rows)
@@ -159,7 +146,7 @@ def _best_of(data: StudyData) -> Iterator[RenderableType]:
 
 def _value(value: Any, decimals: int | None) -> str:
     if isinstance(value, str):
-        return _foldable(value)
+        return value
     return f"{value:.4g}" if decimals is None else _plain(value, decimals)
 
 
@@ -191,11 +178,11 @@ def _row(row: dict[str, Any], digits: Mapping[str, int]) -> list[str]:
     sign = {"less": " < ", "greater": " > "}.get(row.get("alternative", ""), " - ")
     difference = row.get("difference") or {}
     p = row["p"] if row.get("p_holm") is None else row["p_holm"]
-    levels = sign.join(map(_foldable, row["levels"]))
+    levels = sign.join(map(str, row["levels"]))
     within = [f"in {name} {label}" for name, label in row["by"].items()]
     return [
-        _foldable(row["measure"]),
-        "\n".join([levels, *map(_foldable, within)]),
+        row["measure"],
+        "\n".join([levels, *within]),
         _of(str(n), row),
         _with_interval(difference, decimals),
         "refused" if row["refused"] else (f"< {_CONVINCING}" if p < _CONVINCING else f"{p:.3f}"),
@@ -210,28 +197,19 @@ def _of(n: str, row: Mapping[str, Any]) -> str:
 
 
 def _table(title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """A table without empty columns, whose cells are folded and never cut."""
+    """A table without empty columns, whose cells are wrapped at spaces only."""
     table = Table(box=box.SIMPLE_HEAD, title=title, padding=(0, 1, 0, 0), pad_edge=False)
     filled = [k for k in range(len(names)) if any(row[k] not in ("", "-") for row in rows)]
     for k in filled:
-        numbers = all(re.match(r"[-<\d]|$", row[k]) for row in rows)
-        table.add_column(
-            names[k], justify="right" if numbers else "left", no_wrap=numbers, overflow="fold"
-        )
+        numbers = all(re.match(r"[-<\d](?!.* [-<>] )|$", row[k]) for row in rows)
+        cells = [names[k], *(row[k] for row in rows)]
+        width = max(len(word) for cell in cells for word in ([cell] if numbers else cell.split()))
+        whole = width == max(map(len, cells))
+        justify: Literal["right", "left"] = "right" if numbers else "left"
+        table.add_column(names[k], justify=justify, no_wrap=whole, min_width=width)
     for row in rows:
         table.add_row(*(row[k] for k in filled))
     return table
-
-
-def _foldable(name: Any) -> str:
-    """A long name in lines, broken behind its dots and underscores."""
-    pieces = re.findall(r"[^._\s-]*[._\s-]*", str(name))
-    lines = [""]
-    for piece in pieces:
-        if lines[-1] and len(lines[-1]) + len(piece) > _NAME_COLUMNS:
-            lines.append("")
-        lines[-1] += piece
-    return "\n".join(line.rstrip(" ") for line in lines)
 
 
 def _digits(

@@ -17,7 +17,6 @@ from sim2vr_harness.cli.options import Checked, CheckedRun
 
 if TYPE_CHECKING:
     from sim2vr_harness.client import GameFacts
-    from sim2vr_harness.studies.data import StudyData
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,9 +118,7 @@ def study(request: StudyRequest) -> int:
         raise InputError("--user", f"it with {file}", expected)
     if request.plan or request.difference:
         # Print what the study would play, and how many units differences need.
-        from rich.console import Console
-
-        from sim2vr_harness.cli.studies import plan_tables
+        from sim2vr_harness.cli.studies import plan_tables, print_tables
 
         if not request.plan:
             raise InputError(
@@ -130,8 +127,7 @@ def study(request: StudyRequest) -> int:
         if checked.asked:
             raise InputError("--plan", "it together with --expect or --against", "one of them")
         how = (file, request.out, request.difference)
-        for table in plan_tables(*how, trust_app=request.trust_app):
-            Console().print(table)
+        print_tables(plan_tables(*how, trust_app=request.trust_app))
         return 0
     with Shown() as progress:
         found = run_study(
@@ -256,15 +252,20 @@ def _measures(facts: GameFacts, *, scripted: bool) -> list[str]:
 
 
 def _tell(found: Any, report: bool) -> None:
-    """Print what was played, and write the report."""
-    _print(found.data)
+    """Print comparisons, what users were not trained for and what was played; write the report."""
+    from sim2vr_harness.cli.studies import comparison_table, print_tables
+
+    print_tables(comparison_table(found.data))
+    for line, cells in found.data.unpractised.items():
+        typer.echo(f"note: not trained for: {line} ({counted(len(cells), 'cell')})", err=True)
     done = f"{found.played} of {found.played + found.found} cells and trainings"
     typer.echo(f"Played: {done}\nWritten: {found.data.root}")
     if report:
         from sim2vr_harness.studies.report import write_report
 
         written = write_report(found.data.root)
-        typer.echo(f"Written: {written.page}{f', {written.pdf}' if written.pdf else ''}")
+        pages = f"{written.page}{f', {written.pdf}' if written.pdf else ''}"
+        typer.echo(f"Written: {pages}\n{written.answer}")
 
 
 def _effects(request: StudyRequest, *, asked: bool) -> int:
@@ -302,15 +303,3 @@ def _effects(request: StudyRequest, *, asked: bool) -> int:
     Console().print(shown)
     typer.echo(f"{score(found)}\nWritten: {out / 'effects.html'}")
     return 0
-
-
-def _print(data: StudyData) -> None:
-    """Print comparisons, and what users were not trained for."""
-    from rich.console import Console
-
-    from sim2vr_harness.cli.studies import comparison_table
-
-    for table in comparison_table(data):
-        Console().print(table)
-    for line, cells in data.unpractised.items():
-        typer.echo(f"note: not trained for: {line} ({counted(len(cells), 'cell')})", err=True)

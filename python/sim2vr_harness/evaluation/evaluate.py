@@ -524,19 +524,22 @@ def _problems(plan: _Plan, rounds: Sequence[Round], judges: Sequence[TaskedApp])
         rounds: The results.
         judges: The app of the first round, which has recorded the inputs of its task, if any.
     """
-    found, task = [], plan.env.config.app.task
+    found, app, score = [], plan.env.config.app, plan.facts.score
+    task = app.task
     moments = (judges[0].moments or []) if judges else []
     starts = [k for k, moment in enumerate(moments) if moment.step_s == 0.0]
     if moments and task is not None:
         moments = moments[: starts[1]] if len(starts) > 1 else moments  # of the first round
         found = [f"the task: {one}" for one in check_task(load_task(task), moments)]
-    score = plan.facts.score
     arrived = any(step.arrived_s is not None for result in rounds for step in result.script)
-    if arrived and score and all(not result.values.get(score) for result in rounds):
+    values = [result.values.get(score) for result in rounds] if score else [1.0]
+    if arrived and not any(values):
+        stayed = "had no value" if None in values else "stayed at 0"
+        first = "where the task names one device, that is the page's first input source"
         found.append(
-            f"{plan.user.name}: it arrived, and {score} stayed at 0; another object may count, a "
-            "faster touch or another input, or the page looks at another controller: where the "
-            "task names one device, that is the page's first input source"
+            f"{plan.user.name}: it arrived, and {score} {stayed}; another object may count, a "
+            "faster touch or another input, or the app looks at another controller"
+            + (f": {first}" if app.page is not None else "")
         )
     return found
 

@@ -113,6 +113,7 @@ NO_DEPTH = r"vision.channels: got depth, but fake.py"
         ("import time; time.sleep(60)", AppTimeout, r"no xrCreateInstance within 1 s; is it an"),
         ("hello(); time.sleep(60)", AppTimeout, r"no xrCreateSession within 1 s; it made an inst"),
         ("print('no GPU'); sys.exit(5)", AppDied, r"status 5 before its xrCreateInst.*no GPU"),
+        ("print('qt.qpa.xcb: no display'); sys.exit(6)", AppRefused, r"^--xvfb: got no display"),
         (f"hello(); say(3, {SMALL}, {NO_IMAGES}); time.sleep(9)", ProtocolError, NO_MEMORY),
         (
             f"session(hello()); step(); {LATE}; time.sleep(9)",

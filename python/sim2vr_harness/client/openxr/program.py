@@ -3,6 +3,7 @@
 import json
 import mmap
 import os
+import re
 import secrets
 import select
 import shutil
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.client.answers import BadReply, read
-from sim2vr_harness.client.errors import AppRefused, AppTimeout
+from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout
 from sim2vr_harness.client.openxr.link import (
     ABOUT,
     SESSION,
@@ -40,6 +41,8 @@ _NO_HELLO = (
     "; is it an OpenXR program, and does its loader read XR_RUNTIME_JSON (a program with "
     "permissions of its own does not)?"
 )
+_DISPLAY = re.compile(r"\bxcb\b|\bdisplay\b", re.IGNORECASE)
+"""In the output of a program that fails because it has no display."""
 _NO_SESSION = "; it made an instance and no session: its log says what it did not find"
 
 
@@ -151,8 +154,15 @@ class Program:
                 if self.about is None
                 else ("xrCreateSession", _NO_SESSION)
             )
-            with suppress(SessionEnded):  # of an instance that only looked around
+            try:
                 self._answer(*self.link.receive(doing, limit_s, hint, deadline=deadline))
+            except SessionEnded:  # of an instance that only looked around
+                pass
+            except AppDied as error:
+                if "DISPLAY" in self._launch.environment or not _DISPLAY.search(str(error)):
+                    raise
+                words = f"--xvfb: got no display, expected this option; {error}"
+                raise AppRefused(words) from error  # it would fail another time, too
 
     def greet_if_there(self) -> None:
         """The same as far as its messages are there; failures are kept for :meth:`greet`."""

@@ -89,7 +89,7 @@ class MeasureRule(Settings):
     name: str = Field(pattern=_NAME)
     """Key in results."""
     value: str | None = None
-    """An expression."""
+    """An expression; the measure is its value at the end of the round."""
     count: str | None = None
     """Event whose number of occurrences is the measure."""
     proportion: ProportionRule | None = None

@@ -419,7 +419,7 @@ def check_task(task: Task, moments: Sequence[TaskMoment], seed: int = 1) -> list
             )
     for name in task.values:
         if all(moment.values.get(name) is None for moment in moments):
-            problems.append(f"values: the app never has one for {name}")
+            problems.append(f"values: {name} had no value in the round, expected one")
     return problems
 
 

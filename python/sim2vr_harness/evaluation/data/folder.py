@@ -329,7 +329,9 @@ class EvaluationData:
         there = {file.stem: file for file in sorted((self.root / name).glob("*.parquet"))}
         known = [key for key in self.episodes["episode"] if key in there]
         if not known:
-            expected = "those of an evaluation that kept them (not --no-steps)"
+            expected = (
+                f"an evaluation without --no-steps; of a study read_study(FOLDER).{name}(CELL)"
+            )
             raise InputError(file_name(self.root / name), f"no {name}", expected)
         for key in episodes:
             if key not in known:

@@ -532,6 +532,7 @@ def _parts(source: ReportSource, group: Group) -> dict[str, float]:
 class Content:
     """Content of a page; ``methods`` is a paragraph and ``examples`` are videos."""
 
+    answer: str
     source: ReportSource
     published: Published
     sentences: Sequence[str]
@@ -593,8 +594,7 @@ def write_page(content: Content, file: Path, *, printed: bool = False) -> list[P
         shown = [*shown, *(one for one in source.measures if one not in shown)]
     table = group_table(source, shown[:_MOST_MEASURES]) + _about(source)
     first: list[Part] = [_picture(source, published), table]
-    answer = headline(source) if source.search is None else content.sentences[0]
-    return save_page(file, source.title, answer, first, sections, printed=printed)
+    return save_page(file, source.title, content.answer, first, sections, printed=printed)
 
 
 def _media(**values: Any) -> Markup:
@@ -634,12 +634,14 @@ class StudyReport:
     """Files of a written report.
 
     Attributes:
+        answer: The answer of the page's first screen.
         page: The HTML file.
         pdf: The same on paper; None without a browser.
         figures: PNG and PDF files, and tables as CSV and LaTeX, in the folder ``figures`` beside
             ``report.html``, ``NAME_figures`` beside a page of another name.
     """
 
+    answer: str
     page: Path
     pdf: Path | None
     figures: tuple[Path, ...]
@@ -676,10 +678,12 @@ def write_report(
         *figures_of_effort(source),
     ]
     users = played_by(source)
+    sentences = [*search_sentences(source), *sentences_of(source, published)]
     content = Content(
+        headline(source) if source.search is None else sentences[0],
         source,
         published,
-        [*search_sentences(source), *sentences_of(source, published)],
+        sentences,
         figures,
         body_pictures(source.groups, loads, body),
         examples_of(source.groups, source.root),
@@ -691,4 +695,4 @@ def write_report(
     name = "figures" if page.name == PAGE else f"{page.stem}_figures"
     beside = page.with_name(name)
     drawn = [*write_stills(figures, beside), *write_tables(source, beside)] if stills else []
-    return StudyReport(page, next(iter(pdf), None), tuple(drawn))
+    return StudyReport(content.answer, page, next(iter(pdf), None), tuple(drawn))

@@ -115,6 +115,8 @@ class BodyPlan:
         effort_inputs: data for the effort models.
         nod: the hinge that tips the head forward, driven by a position servo; None: no neck.
         ipd_m: interpupillary distance.
+        stance: seated or standing; empty: unknown.
+        stature_m: body height; None: unknown.
     """
 
     name: str
@@ -128,6 +130,8 @@ class BodyPlan:
     effort_inputs: EffortInputs = field(default_factory=EffortInputs)
     nod: str | None = None
     ipd_m: float = MEAN_IPD_M
+    stance: str = ""
+    stature_m: float | None = None
 
 
 class Body:
@@ -160,7 +164,7 @@ class Body:
         self.reset_rule = plan.reset_rule
         self.effort_inputs = plan.effort_inputs
         self.nod = plan.nod
-        self.ipd_m = plan.ipd_m
+        self.ipd_m, self.stance, self.stature_m = plan.ipd_m, plan.stance, plan.stature_m
         self.timestep = plan.timestep
         self.appearance = appearance
         self._build = build

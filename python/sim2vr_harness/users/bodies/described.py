@@ -482,6 +482,7 @@ class _Described:
                 peak_forces=dict(description.effort.peak_forces),
             ),
             ipd_m=description.ipd_m or MEAN_IPD_M,
+            stance=description.posture or "",
         )
         table = description.anatomy
         segments = {n: Segment(s.bodies, s.start, s.end) for n, s in table.segments.items()}

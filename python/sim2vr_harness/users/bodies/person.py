@@ -274,8 +274,8 @@ def tailored_body(
             devices=tuple(swapped(name) for name in plan.devices),
             end_effectors=tuple(swapped(name) for name in plan.end_effectors),
         )
-    if person.ipd_m is not None:
-        plan = replace(plan, ipd_m=person.ipd_m)
+    stature_m = person.stature_m or anatomy.stature_m
+    plan = replace(plan, ipd_m=person.ipd_m or plan.ipd_m, stature_m=stature_m)
     # The body's own way to begin, changed by what `reset` sets; joints left out stay.
     reset = options.reset
     rule = plan.reset_rule

@@ -414,6 +414,7 @@ def table_body(options: BodyOptions) -> Body:
         timestep=own_step if options.timestep_s is None else options.timestep_s,
         postures=settings.get("postures", {}),
         effort_inputs=EffortInputs(lifting=tuple(settings.get("lifting", ()))),
+        stance="seated",
     )
     if options.torso:
         # Has the trunk begin upright and stay so, until its motors get other targets.

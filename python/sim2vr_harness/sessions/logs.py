@@ -231,7 +231,7 @@ def numbered_events(events: Path) -> list[tuple[str, SessionEvent]]:
     A last line that was cut off is left out.
 
     Raises:
-        InputError: a line begins with no time.
+        InputError: a line begins with no time, or has a number that is not finite.
     """
     lines = read_lines(events)
     filled = [number for number, line in enumerate(lines, start=1) if line.strip(" ,\t")]
@@ -247,11 +247,11 @@ def numbered_events(events: Path) -> list[tuple[str, SessionEvent]]:
         if not abs(float(match[1])) <= LATEST_NS * 1e-9:
             raise InputError(place, f"the time {shown(match[1], 30)}", "-1e9 to 1e9 s")
         if not match[2].startswith(_OPTIONS.strip(" ,")):
-            found.append((place, _event(float(match[1]), match[2])))
+            found.append((place, _event(float(match[1]), match[2], place)))
     return found
 
 
-def _event(time_s: float, text: str) -> SessionEvent:
+def _event(time_s: float, text: str, place: str) -> SessionEvent:
     kind, data = "", dict[str, Any]()
     for i, part in enumerate(_SEPARATOR.split(text)):
         part, _, listed = part.partition(" [")
@@ -259,6 +259,8 @@ def _event(time_s: float, text: str) -> SessionEvent:
         match = _PART.fullmatch(part)
         name = "_".join((part if match is None else match["name"]).split()).lower()
         numbers = [] if match is None else [float(n) for n in match["numbers"].split()]
+        if math.inf in map(abs, numbers):
+            raise InputError(place, shown(part, 60), "finite numbers")
         plain = [int(n) if n == math.floor(n) and abs(n) < 2**53 else n for n in numbers]
         value = plain[0] if len(plain) == 1 else plain or True
         if i == 0:

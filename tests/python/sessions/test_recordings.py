@@ -117,9 +117,11 @@ def test_errors_say_where_and_what(tmp_path: Path) -> None:
     assert "states.csv, line 5: got '328.9620, zero" in error_of(log)
     write_log(log)
     (log / "events.csv").write_text(EVENTS.replace("grid ID 4\n", "grid ID 9\n"))
-    assert "events.csv, line 3: got '329.0148, target_spawn, target id 0, grid id 9'" in error_of(
-        log
-    )
+    found = error_of(log)
+    assert "events.csv, line 3: got '329.0148, target_spawn, target id 0, grid id 9'" in found
+    (log / "events.csv").write_text(EVENTS.replace("velocity -0.4 2.5E-05", "velocity 1E999 2"))
+    found = error_of(log)
+    assert "events.csv, line 4: got 'velocity 1E999 2 0.7912978', expected finite" in found
     rounds = packed(tmp_path / "rounds", file="78_low")
     assert "no trial '77_low'" in error_of(rounds / "77_low.npz")
     assert "78_low.npz" in error_of(rounds)

@@ -51,7 +51,7 @@ _PICTURES = "pictures.bin"
 _SAVE_DECISIONS, _REPORT_DECISIONS = 100, 20
 _MEASURED_SHARE = 0.4
 """Proportion of the user steps in which the measured body plays, with delayed images only, before
-persons do: an app's rewards do not depend on the player, and persons move slowly."""
+persons do: it finds what an app rewards faster, but not what a person's hands can do."""
 _COMPARED_SHARE = 0.5
 """Proportion of the user steps before plain users compare manners of their hands; persons do when
 they begin to play."""

@@ -17,6 +17,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_yaml
+from sim2vr_harness.base.rotations import turned
 from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.client import AppRefused, AppScene, DevicePoses, SceneObject, WebXRApp
 from sim2vr_harness.client.devices import input_named
@@ -275,7 +276,7 @@ def logged_targets(log: Path) -> list[Target]:
                 found[cell] = np.array([float(number) for number in place])
         if plane is not None and (match := _CENTER.search(line)):
             in_plane = np.array([float(match[2]), float(match[3]), 0.0])
-            place_m = plane[:3] + _turned(plane[3:], in_plane)
+            place_m = plane[:3] + turned(plane[3:6], plane[6], in_plane)
             if not any(_same(place_m, other) for other in found.values()):
                 found[str(len(found))] = place_m
     if not found:
@@ -284,12 +285,6 @@ def logged_targets(log: Path) -> list[Target]:
             "--targets", f"{str(file)!r}, which says of no target where it is", expected
         )
     return [Target(f"target {cell}", place) for cell, place in found.items()]
-
-
-def _turned(quat_xyzw: FloatArray, vector: FloatArray) -> FloatArray:
-    axis, w = quat_xyzw[:3], quat_xyzw[3]
-    turned: FloatArray = vector + 2.0 * np.cross(axis, np.cross(axis, vector) + w * vector)
-    return turned
 
 
 def _same(a: FloatArray, b: FloatArray) -> bool:
@@ -478,7 +473,7 @@ def _size(scene: AppScene, one: SceneObject) -> tuple[float, float]:
     """Return half the diagonal of an object's mesh, and its height, m."""
     assert one.mesh is not None
     extent = np.ptp(scene.meshes[one.mesh].vertices, axis=0) * one.scale
-    height = sum(abs(_turned(one.pose[3:], side)[1]) for side in np.diag(extent))
+    height = sum(abs(turned(one.pose[3:6], one.pose[6], side)[1]) for side in np.diag(extent))
     return float(np.linalg.norm(extent)) / 2.0, float(height)
 
 
@@ -514,7 +509,7 @@ def tool_point(scene: AppScene, pattern: str) -> Point:
     tool, path = carried[0]
     (hand,) = [one for one in scene.objects if one.path == path]
     quat = hand.pose[3:] * np.array([-1.0, -1.0, -1.0, 1.0])
-    offset = _turned(quat, tool.pose[:3] - hand.pose[:3])
+    offset = turned(quat[:3], quat[3], tool.pose[:3] - hand.pose[:3])
     x, y, z = position_to_mujoco(offset).tolist()
     return Point(_CONTROLLERS[path], (x, y, z))
 

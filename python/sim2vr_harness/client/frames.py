@@ -8,6 +8,8 @@ origin (on the floor below the body) is shared. Source: SIM2VR reference, coordi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim2vr_harness.base.rotations import turned
+
 Float64Array = NDArray[np.float64]
 
 _TO_APP, _SIGNS = np.array([1, 2, 0, 5, 6, 4, 3]), np.array([-1.0, 1, 1, -1, 1, 1, -1])
@@ -106,7 +108,4 @@ def aim_direction(quat_wxyz: ArrayLike) -> Float64Array:
         (..., 3) unit vectors, MuJoCo's world; the rays begin where the controllers are.
     """
     q = np.asarray(quat_wxyz, dtype=np.float64)
-    w, v = q[..., :1], q[..., 1:]
-    crossed = 2.0 * np.cross(v, np.broadcast_to(AIM_DIRECTION, v.shape))
-    turned: Float64Array = AIM_DIRECTION + w * crossed + np.cross(v, crossed)
-    return turned
+    return turned(q[..., 1:], q[..., :1], AIM_DIRECTION)

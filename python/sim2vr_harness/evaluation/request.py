@@ -45,7 +45,7 @@ class Plays(ChangedEnvironment, TrustedApp):
         shown="RUN/evaluation/step_N",
         place="folder to write",
     )
-    batch: int = option("How many rounds are played in parallel at most.", 10)
+    batch: int = option("How many rounds are played in parallel at most.", 12)
     app: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name
+from sim2vr_harness.base.rotations import turned
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.sessions import Controller, Session, SessionEvent
 from sim2vr_harness.sessions.logs import target_events
@@ -249,9 +250,7 @@ def _targets(session: Session, behaviour: Behaviour) -> Targets:
 
 def rotated(turn: FloatArray, vectors: FloatArray) -> FloatArray:
     """Turn vectors (..., 3) by unit quaternions (..., 4), x y z w."""
-    axis, real = turn[..., :3], turn[..., 3:]
-    across = 2.0 * np.cross(axis, vectors)
-    return np.asarray(vectors + real * across + np.cross(axis, across))
+    return turned(turn[..., :3], turn[..., 3:], vectors)
 
 
 # --- any app -------------------------------------------------------------------------------------

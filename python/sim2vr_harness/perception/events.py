@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim2vr_harness.base.rotations import turned
 from sim2vr_harness.perception.sense import IntArray, Sensed, Sound, StepContext, float_space
 
 FloatArray = NDArray[np.float64]
@@ -129,9 +130,7 @@ def _at_ears(head: FloatArray, sounds: Sequence[Sound]) -> FloatArray:
     distance = np.linalg.norm(offset, axis=1)
     apart = distance > 1e-6  # a sound within the head is not shadowed
     # Turn the others' directions into the frame of the head: by the inverse rotation.
-    vectors, axis, w = offset[apart], -head[3:6], head[6]
-    cross = 2.0 * np.cross(axis, vectors)
     gains = np.ones((len(sounds), 2))
-    gains[apart] = ear_gains(vectors + w * cross + np.cross(axis, cross))
+    gains[apart] = ear_gains(turned(-head[3:6], head[6], offset[apart]))
     loud = np.array([sound.gain for sound in sounds]) / np.maximum(distance, NEAREST_M)
     return np.asarray(np.sqrt(((loud[:, None] * gains) ** 2).sum(axis=0)))

@@ -9,6 +9,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.rotations import turned
+
 FloatArray = NDArray[np.float64]
 
 _FLIPS = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0])
@@ -60,7 +62,4 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _turned(q: FloatArray, v: FloatArray) -> FloatArray:
-    u, v = np.broadcast_arrays(q[..., :3], v)
-    t = 2.0 * np.cross(u, v)
-    turned: FloatArray = v + q[..., 3:] * t + np.cross(u, t)
-    return turned
+    return turned(q[..., :3], q[..., 3:], v)

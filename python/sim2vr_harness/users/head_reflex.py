@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm, solve_discrete_lyapunov
 
+from sim2vr_harness.base.rotations import turned
 from sim2vr_harness.base.state import RowState
 from sim2vr_harness.users.bodies.body import Body, held
 
@@ -213,9 +214,7 @@ def direction(pos: FloatArray, quat: FloatArray, point: FloatArray) -> FloatArra
 
 def rotated(quat: FloatArray, vectors: FloatArray) -> FloatArray:
     """Return (N, 3) vectors rotated by (N, 4) unit quaternions w x y z."""
-    real, axis = quat[:, :1], quat[:, 1:]
-    across = 2.0 * np.cross(axis, vectors)
-    return np.asarray(vectors + real * across + np.cross(axis, across))
+    return turned(quat[:, 1:], quat[:, :1], vectors)
 
 
 def _about(angles: FloatArray, axis: int) -> FloatArray:

@@ -4,10 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sim2vr_harness.client import AppDied, AppRefused, WebXRApp, frame_time_ns
-from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
+from webxr_pages import NEEDS_BROWSER, NEEDS_ENGINES, hands, open_page, page_with
 
 pytestmark = NEEDS_BROWSER
 
@@ -246,3 +247,17 @@ def test_css_animations_keep_the_time_of_the_page(shared: Shared) -> None:
     assert found["width"] == pytest.approx(200, abs=8)  # px after 2 s of 4
     assert found["full"] == pytest.approx(4000, abs=100)
     assert played(app, steps=5)["faded"] == found["faded"]
+
+
+@NEEDS_ENGINES
+def test_what_moves_is_located_where_it_is_in_every_step() -> None:
+    """The ball of balls comes nearer at .6 m/s; what was located before comes with a step."""
+    ahead = []
+    with open_page("balls") as app:
+        app.reset(1, hands(0))
+        for step in range(1, 6):
+            app.step(frame_time_ns(step, 20), hands(0))
+            ahead.append(app.locate("ball")[2])
+            with pytest.raises(AppRefused, match=r'no object "bell"; objects with names: .*ball'):
+                app.locate("bell")
+    assert np.diff(ahead) == pytest.approx([-0.03] * 4, abs=1e-6)

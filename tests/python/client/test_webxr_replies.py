@@ -26,16 +26,18 @@ GOOD: dict[str, Any] = {
     "ended": False,
     "failure": None,
     "values": [["x", 1.5], ["y", 0, "is undefined"]],
+    "places": [[0.0, 1.0, 0.5], None],
     "picture": "AAAA",
 }
 
 
 def test_an_answer_is_read() -> None:
-    reply = step_reply(GOOD, ("x", "y"), 3)
+    reply = step_reply(GOOD, ("x", "y"), 2, 3)
     assert [tuple(one) for one in reply.values] == [("x", 1.5, None), ("y", 0, "is undefined")]
+    assert reply.places == ((0.0, 1.0, 0.5), None)
     assert (reply.picture, reply.haptics) == (bytes(3), (("left", 0.5, 0.1),))
     for value, found in ((2, 2), (True, True), (None, None), ([1, 2, 3], (1.0, 2.0, 3.0))):
-        (one,) = step_reply(GOOD | {"values": [["x", value]]}, ["x"], 3).values
+        (one,) = step_reply(GOOD | {"values": [["x", value]]}, ["x"], 2, 3).values
         assert (one.value, type(one.value)) == (found, type(found))
 
 
@@ -58,6 +60,8 @@ ODD = {
     "a place of two": GOOD | {"values": [["x", [0, 0]], ["y", 1]]},
     "a value beyond all numbers": GOOD | {"values": [["x", 10**400], ["y", 1]]},
     "a value without end": GOOD | {"values": [["x", DEEP], ["y", 1]]},
+    "places of fewer objects": GOOD | {"places": [None]},
+    "a place too short": GOOD | {"places": [[0.0, 1.0], None]},
     "a picture too small": GOOD | {"picture": "AAA="},
 }
 
@@ -65,7 +69,7 @@ ODD = {
 @pytest.mark.parametrize("what", ODD)
 def test_an_answer_that_is_another_thing_is_refused(what: str) -> None:
     with pytest.raises(BadReply, match=r"got .*, expected ") as caught:
-        step_reply(ODD[what], ("x", "y"), 3)
+        step_reply(ODD[what], ("x", "y"), 2, 3)
     assert len(str(caught.value)) < 300
 
 

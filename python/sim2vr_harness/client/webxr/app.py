@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from sim2vr_harness.base.rotations import turned
 from sim2vr_harness.client.base import AppReply, Float64Array, Int64Array, OptionValue
 from sim2vr_harness.client.devices import DevicePoses, HapticPulse
 from sim2vr_harness.client.errors import AppError, AppRefused
@@ -75,9 +76,7 @@ def scene_of(boxes: Sequence[Box], head: NDArray[np.float64]) -> AppScene:
         rotation = (
             np.array(box.rotation) / length if length > 0.0 else np.array([0.0, 0.0, 0.0, 1.0])
         )
-        way = head - np.array(box.place)
-        axis, w = -rotation[:3], rotation[3]
-        away = way + 2.0 * np.cross(axis, np.cross(axis, way) + w * way)
+        away = turned(-rotation[:3], rotation[3], head - np.array(box.place))
         size = np.array(box.size)
         within = (np.abs(away) <= size / 2.0).all()
         floor = size.min() < _FLOOR_M and abs(box.place[1]) < _FLOOR_M and size.max() > 1.0

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.rotations import turned
 from sim2vr_harness.client.devices import INPUT_COUNT, DevicePoses, input_named
 from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.frames import AIM_DIRECTION, position_to_app
@@ -171,9 +172,7 @@ _RAY = position_to_app(AIM_DIRECTION)
 
 
 def _turned(turn: FloatArray, vector: FloatArray | Sequence[float]) -> FloatArray:
-    axis, w = turn[:3], turn[3]
-    found: FloatArray = vector + 2.0 * np.cross(axis, np.cross(axis, vector) + w * np.array(vector))
-    return found
+    return turned(turn[:3], turn[3], vector)
 
 
 def _turn(first: FloatArray, second: FloatArray) -> FloatArray:

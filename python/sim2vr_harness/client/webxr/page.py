@@ -79,6 +79,11 @@ class Page:
         self._silence_s = start_timeout_s / 4.0
         self._seed_script: str | None = None
         self._loads = 0
+        self._asked: set[str] = set()
+        self._sought: list[str] = []
+        """Names of the objects that were located since the last step, and before it."""
+        self._places: dict[str, tuple[float, float, float] | None] = {}
+        """Where the latter are after it; None: there is none of the name."""
         self._tab = open_tab(browser, start_timeout_s)
         self.watch = PageWatch(self._tab, files)
         browser.request("Target.setDiscoverTargets", start_timeout_s, discover=True)
@@ -200,8 +205,10 @@ class Page:
             frames: see ``steps.js``.
             with_values: whether to read the values afterwards.
         """
-        expression = f"__sim2vr.step({json.dumps(frames)},{'true' if with_values else 'false'})"
-        return self._start(expression)
+        # What was located will be located again: the step's answer saves a request.
+        self._sought, self._asked, self._places = sorted(self._asked), set(), {}
+        given = (json.dumps(each) for each in (frames, with_values, self._sought))
+        return self._start(f"__sim2vr.step({','.join(given)})")
 
     def finish_step(self, number: int, with_values: bool) -> replies.StepReply:
         """Return what the frames brought.
@@ -222,12 +229,13 @@ class Page:
         self._check_playing()
         try:
             reply = replies.step_reply(
-                answer, self._values if with_values else (), self._picture_bytes
+                answer, self._values if with_values else (), len(self._sought), self._picture_bytes
             )
         except BadReply as error:
             raise self._malformed(error) from error
         if reply.failure is not None:
             raise self.died(reply.failure[1] + self.watch.hints())
+        self._places = dict(zip(self._sought, reply.places, strict=True))
         return reply
 
     def observe(self, observers: Sequence[Observer]) -> None:
@@ -246,6 +254,10 @@ class Page:
 
     def locate(self, name: str) -> tuple[float, float, float]:
         """Return the place of a named object; see :meth:`WebXRApp.locate`."""
+        self._asked.add(name)
+        known = self._places.get(name)
+        if known is not None:
+            return known
         try:
             answer = self._run(f"__sim2vr.locate({json.dumps(name)})")
         except RefusedRequest as error:

@@ -17,8 +17,9 @@ from sim2vr_harness.client.errors import AppError
 from sim2vr_harness.client.process import AppProcess, Conversation
 
 _CHUNK_BYTES = 1 << 18
-_SLICE_S = 0.25
-"""Interval at which a process is checked whose end wakes no waiting call, s."""
+_SLICE_S, _WATCH_S = 0.25, 1.0
+"""Intervals at which a process is checked whose end wakes no waiting call, and at which what
+watches it is called, s."""
 _MOST_BYTES = 1 << 28
 """Of a message."""
 
@@ -137,7 +138,7 @@ class DevTools(Conversation):
         """Take in what is there, or wait for it a little."""
         self.require_open()
         now = time.monotonic()
-        if self._watch is not None and now - self._watched_s >= _SLICE_S:
+        if self._watch is not None and now - self._watched_s >= _WATCH_S:
             self._watched_s = now
             self._watch()
         left = deadline - now

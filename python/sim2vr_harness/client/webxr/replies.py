@@ -90,6 +90,8 @@ class StepReply(Reply):
     """True if the page ended its session."""
     failure: Failure
     values: tuple[Value, ...]
+    places: tuple[Place | None, ...]
+    """Of the objects that were sought; None: there is none of the name."""
     picture: Annotated[bytes | None, BeforeValidator(_bytes)]
     """Of the drawn frame; None: none was drawn."""
     observed: Annotated[tuple[PNG, ...], Field(max_length=4)] = ()
@@ -192,12 +194,15 @@ PLACE: TypeAdapter[tuple[float, float, float]] = TypeAdapter(Place)
 TEXT: TypeAdapter[str] = TypeAdapter(Text)
 
 
-def step_reply(answer: object, names: Collection[str], picture_bytes: int) -> StepReply:
+def step_reply(
+    answer: object, names: Collection[str], places: int, picture_bytes: int
+) -> StepReply:
     """Return a step's answer.
 
     Args:
         answer: as it came.
         names: of the expressions that it must hold.
+        places: number of objects that were sought.
         picture_bytes: size of a picture.
 
     Raises:
@@ -207,6 +212,8 @@ def step_reply(answer: object, names: Collection[str], picture_bytes: int) -> St
     given = [one.name for one in reply.values]
     if sorted(given) != sorted(names):
         raise bad_reply("values", given, f"one of each: {', '.join(names)}")
+    if len(reply.places) != places:
+        raise bad_reply("places", len(reply.places), str(places))
     if reply.picture is not None and len(reply.picture) != picture_bytes:
         raise bad_reply("picture", f"{len(reply.picture)} bytes", f"{picture_bytes}")
     return reply

@@ -5,6 +5,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base import rotations
 from sim2vr_harness.users.kinematics.posture_controller import (
     AIM_RAY,
     DeviceRay,
@@ -136,7 +137,4 @@ def head_angles(users: Any, user: int, place: FloatArray) -> tuple[float, float,
 
 def turned(quat: FloatArray, vector: FloatArray) -> FloatArray:
     """(3,) a vector turned by a quaternion w x y z."""
-    w, v = quat[0], quat[1:]
-    crossed = 2.0 * np.cross(v, vector)
-    turned: FloatArray = vector + w * crossed + np.cross(v, crossed)
-    return turned
+    return rotations.turned(quat[1:], quat[0], vector)

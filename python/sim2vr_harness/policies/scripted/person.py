@@ -19,7 +19,7 @@ from sim2vr_harness.policies.scripted.hand import By, Hand, turned
 
 FloatArray = NDArray[np.float64]
 
-_TOGETHER = 8
+_TOGETHER = 12
 """Persons whose matrices are multiplied together: always so many, so that the last bits of a
 participant's movement do not depend on how many others play."""
 _LEAST_M = 0.4

@@ -25,6 +25,7 @@ from torch import Tensor, nn
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.progress import View
+from sim2vr_harness.base.rotations import turned
 from sim2vr_harness.base.state import State
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import GameFacts
@@ -170,7 +171,7 @@ def seen_at(told: NDArray[np.floating[Any]], head_xyzw: NDArray[np.float64]) -> 
     # In the frame of the head: turned back by the conjugate.
     axis, w = -head_xyzw[:, None, :3], head_xyzw[:, None, 3:]
     off = told[..., 1:].astype(np.float64)
-    off = off + 2.0 * np.cross(axis, np.cross(axis, off) + w * off)
+    off = turned(axis, w, off)
     ahead = off[..., 2]
     there = (told[..., 0] > 0.0) & (ahead > SETTINGS.nearest_m)
     place = np.clip(off[..., :2] / np.maximum(ahead, SETTINGS.nearest_m)[..., None], -10.0, 10.0)

@@ -234,9 +234,18 @@
     return found;
   };
 
+  const place = (name) => {
+    try {
+      return sim.locate(name);
+    } catch {
+      return null;
+    }
+  };
+
   let asked = 0; // when the session had a callback last, ms
   // Runs frames: [time_ms, head, [left, right], [inputs left, right], drawn]; times since `sim.base`.
-  sim.step = async (frames, withValues) => {
+  // Afterwards it reads values, and where the objects of some names are.
+  sim.step = async (frames, withValues, sought) => {
     let picture = null;
     for (let k = 0; k < frames.length; k++) {
       const { 0: time, 1: head, 2: hands, 3: inputs, 4: drawn } = frames[k];
@@ -257,6 +266,7 @@
       ended: sim.session._ended,
       failure: sim.failure,
       values: withValues ? readValues() : [],
+      places: map(sought, place),
       picture: picture && base64(picture.eyes),
       observed: picture?.observed ?? [],
     };

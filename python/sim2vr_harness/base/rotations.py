@@ -1,4 +1,4 @@
-"""Vectors turned by unit quaternions, in any frame."""
+"""Rotations by unit quaternions, in any frame."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,13 @@ def turned(axis: FloatArray, real: ArrayLike, vectors: ArrayLike) -> FloatArray:
     given, w = np.asarray(vectors, dtype=np.float64), np.asarray(real, dtype=np.float64)
     across = 2.0 * _cross(axis, given)
     return np.asarray(given + w * across + _cross(axis, across))
+
+
+def product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the (..., 4) rotations by b, then a, x y z w."""
+    u, v, s, t = a[..., :3], b[..., :3], a[..., 3:], b[..., 3:]
+    scalar = s * t - np.sum(u * v, axis=-1, keepdims=True)
+    return np.concatenate([s * v + t * u + _cross(u, v), scalar], axis=-1)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

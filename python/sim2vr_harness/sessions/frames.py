@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.base.rotations import turned
+from sim2vr_harness.base.rotations import product, turned
 
 FloatArray = NDArray[np.float64]
 
@@ -41,25 +41,12 @@ def grip_of(aim: FloatArray) -> FloatArray:
 
 def composed(outer: FloatArray, inner: FloatArray) -> FloatArray:
     """Return (..., 7): the pose ``inner``, given in the coordinates of ``outer``, in the world."""
-    p, q = _turned(outer[..., 3:], inner[..., :3]), _product(outer[..., 3:], inner[..., 3:])
-    return np.concatenate([outer[..., :3] + p, q], axis=-1)
+    p = turned(outer[..., 3:6], outer[..., 6:], inner[..., :3])
+    return np.concatenate([outer[..., :3] + p, product(outer[..., 3:], inner[..., 3:])], axis=-1)
 
 
 def relative(outer: FloatArray, pose: FloatArray) -> FloatArray:
     """Return (..., 7): a pose of the world in the coordinates of ``outer``."""
     back = outer[..., 3:] * _INVERSE
-    p = _turned(back, pose[..., :3] - outer[..., :3])
-    return np.concatenate([p, _product(back, pose[..., 3:])], axis=-1)
-
-
-def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Hamilton product of quaternions x y z w."""
-    u, v, s, t = a[..., :3], b[..., :3], a[..., 3:], b[..., 3:]
-    u, v = np.broadcast_arrays(u, v)
-    vector = s * v + t * u + np.cross(u, v)
-    scalar = s * t - np.sum(u * v, axis=-1, keepdims=True)
-    return np.concatenate([vector, np.broadcast_to(scalar, (*vector.shape[:-1], 1))], axis=-1)
-
-
-def _turned(q: FloatArray, v: FloatArray) -> FloatArray:
-    return turned(q[..., :3], q[..., 3:], v)
+    p = turned(back[..., :3], back[..., 3:], pose[..., :3] - outer[..., :3])
+    return np.concatenate([p, product(back, pose[..., 3:])], axis=-1)

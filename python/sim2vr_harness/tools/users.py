@@ -74,18 +74,3 @@ def environment_of(
     named = named_options(env.config, overrides)
     (chosen,) = chosen_conditions(env.facts, [condition], named=named)
     return env.with_options(chosen.options)
-
-
-def require_own_game(who: str, env: ResolvedEnv) -> None:
-    """Refuse a trained user in another game than that of its training.
-
-    Raises:
-        InputError: The environment is of another game; bodies and configurations are of any.
-    """
-    try:
-        trained = find_user(who, code=True).config.env.app.game
-    except InputError:
-        return
-    if env.config.app.game != trained:
-        got = f"{env.config.app.game!r} for {who}, which was trained for {trained!r}"
-        raise InputError("--game", got, f"{trained!r}, or a body instead of the user")

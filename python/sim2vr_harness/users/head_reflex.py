@@ -194,10 +194,11 @@ def moved_head(
     left, down, tilt = offsets[:, _TURNS].T
     lever = np.array([EYES_FORWARD_M, 0.0, EYES_UP_M])
     nod = _product(_about(down, 2), _about(tilt, 1))
-    turned = _product(_about(left, 3), _product(quat, nod))
-    moved = pos - rotated(quat, lever) + rotated(turned, lever)
+    after = _product(_about(left, 3), _product(quat, nod))
+    moved = pos - turned(quat[:, 1:], quat[:, :1], lever)
+    moved = moved + turned(after[:, 1:], after[:, :1], lever)
     moved[:, :2] += offsets[:, _SWAYS]
-    return moved, turned
+    return moved, after
 
 
 def direction(pos: FloatArray, quat: FloatArray, point: FloatArray) -> FloatArray:
@@ -208,13 +209,8 @@ def direction(pos: FloatArray, quat: FloatArray, point: FloatArray) -> FloatArra
         quat: (N, 4) w x y z; x forward, y left, z up.
         point: (N, 3) m.
     """
-    x, y, z = rotated(quat * (1.0, -1.0, -1.0, -1.0), point - pos).T
+    x, y, z = turned(-quat[:, 1:], quat[:, :1], point - pos).T
     return np.stack([np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))], axis=1)
-
-
-def rotated(quat: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Return (N, 3) vectors rotated by (N, 4) unit quaternions w x y z."""
-    return turned(quat[:, 1:], quat[:, :1], vectors)
 
 
 def _about(angles: FloatArray, axis: int) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -115,8 +115,8 @@ class PageHands:
             origin, turn = self.place.get(side, HEAD_M), self._turn[side]
             known = self._seen.setdefault(side, [])
             for start, direction in self._app.signs().rays:
-                begin = _turned(-turn * [1, 1, 1, -1], np.array(start) - origin)
-                along = _turned(-turn * [1, 1, 1, -1], np.array(direction))
+                begin = turned(-turn[:3], turn[3], np.array(start) - origin)
+                along = turned(-turn[:3], turn[3], direction)
                 self._note(known, begin, along / max(float(np.linalg.norm(along)), 1e-9))
             best = max(known, key=lambda one: one[2], default=None)
             if best is not None and best[2] >= _SEEN:
@@ -143,7 +143,7 @@ class PageHands:
         gap = towards - place
         turn = _turn(along, gap)
         for _ in range(_TURNS if begin.any() else 0):
-            turn = _turn(along, towards - place - _turned(turn, begin))
+            turn = _turn(along, towards - place - turned(turn[:3], turn[3], begin))
         return turn
 
     def _poses(self) -> DevicePoses:
@@ -169,10 +169,6 @@ def find_rays(app: WebXRApp) -> dict[str, Ray]:
 
 
 _RAY = position_to_app(AIM_DIRECTION)
-
-
-def _turned(turn: FloatArray, vector: FloatArray | Sequence[float]) -> FloatArray:
-    return turned(turn[:3], turn[3], vector)
 
 
 def _turn(first: FloatArray, second: FloatArray) -> FloatArray:

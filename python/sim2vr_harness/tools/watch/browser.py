@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.optional import needed
+from sim2vr_harness.base.rotations import product
 from sim2vr_harness.client.frames import (
     pose_to_app,
     pose_to_mujoco,
@@ -659,11 +660,5 @@ def turned(pose: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.f
     half = 0.5 * _TURN_RAD
     step = np.array([*(np.sin(half) * axis), np.cos(half)])
     there = pose.copy()
-    there[3:] = _product(step, pose[3:]) if axis[1] else _product(pose[3:], step)
+    there[3:] = product(step, pose[3:]) if axis[1] else product(pose[3:], step)
     return there
-
-
-def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the product of rotations a and b, x y z w: b is applied first."""
-    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
-    return np.array([*vector, a[3] * b[3] - a[:3] @ b[:3]])

@@ -95,8 +95,9 @@ class SkillsConfig(Settings):
     vision is delayed, decisions take time, and the human motor policy of the body moves it; ``train
     GAME --people`` sets it."""
     instruction: Literal["accurate", "balanced", "fast"] = "fast"
-    """What participants are asked to be. Outcomes below zero weigh :data:`LOSS_AVERSION` times as
-    much as gains; the same as gains for ``fast``, and by its square for ``accurate``."""
+    """What participants are asked to be. Where they choose their vigour, outcomes below zero weigh
+    :data:`LOSS_AVERSION` times as much as gains; the same as gains for ``fast``, and by its square
+    for ``accurate``."""
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""

@@ -323,12 +323,10 @@ class PrimitiveController:
             return wanted, due_s
         late_s = late_s.expand(len(there))[comes]
         way = there[comes, None] + velocity[comes, None] * _AHEAD_S[:, None]
-        reach, middle = self._reach[hand], is_swing(move[comes]).numpy()
-        flat = way.flatten(0, 1).numpy().astype(np.float64)
-        within = np.stack([each.within(flat, _REACHED_M) for each in reach])
-        tip, mid = within.reshape(2, len(way), -1)
-        inside = torch.from_numpy(np.where(middle[:, None], mid, tip))
-        inside &= late_s[:, None] < _AHEAD_S
+        middle, inside = is_swing(move[comes]), late_s[:, None] < _AHEAD_S
+        for reach, own in zip(self._reach[hand], (~middle, middle), strict=True):
+            within = reach.within(way[own].numpy().astype(np.float64), _REACHED_M)
+            inside[own] &= torch.from_numpy(within)
         first = inside.int().argmax(1)
         number = torch.arange(len(_AHEAD_S))
         left = (~inside & (number >= first[:, None])).int()

@@ -350,7 +350,8 @@ class OptionQLearning(State):
         policy: theirs; its values are learned.
         pictures: the file of the stored images; made or reused.
         for_persons: whether persons will use the values.
-        loss_weight: weight of what a user step costs, if that is more than it earns.
+        loss_weight: weight, where manners of the hands are compared, of user steps that cost more
+            than they earn.
     """
 
     def __init__(
@@ -531,7 +532,7 @@ class OptionQLearning(State):
                 moment = self.policy.sense(self.simulation.observation(), memory)
             result = self.simulation.step(self.policy.move(moment, memory))
             self.step_count += self.n
-            reward += np.where(over, 0.0, self._valued(result.reward)).astype(np.float32)
+            reward += np.where(over, 0.0, result.reward).astype(np.float32)
             game_reward += np.where(over, 0.0, result.game_reward).astype(np.float32)
             again = self.simulation.renew(result)
             self.policy.restart(self._memory, again)
@@ -540,10 +541,6 @@ class OptionQLearning(State):
             over |= result.over
         return {"reward": reward, "game_reward": game_reward, "over": over, "cut": cut}
 
-    def _valued(self, outcome: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what rewards less effort are worth to the users, who mind losses."""
-        return np.where(outcome < 0.0, self._loss_weight * outcome, outcome)
-
     def earned(
         self,
         hold: int,
@@ -551,7 +548,7 @@ class OptionQLearning(State):
         *,
         on_step: Callable[[], None] = lambda: None,
     ) -> float:
-        """Return the mean value of a minute without exploration, in new rounds.
+        """Return what a minute is worth to the users, who mind losses, without exploration.
 
         Args:
             hold: user steps from one decision to the next.
@@ -565,7 +562,8 @@ class OptionQLearning(State):
 
         def advance(outcome: Any) -> None:
             nonlocal value
-            value += float(self._valued(outcome.reward).mean())
+            loss = outcome.reward < 0.0
+            value += float((outcome.reward * np.where(loss, self._loss_weight, 1.0)).mean())
             self.compared += self.n
             on_step()
 

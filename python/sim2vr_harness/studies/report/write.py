@@ -620,7 +620,8 @@ def _picture(source: ReportSource, published: Published) -> Figure:
 
 def _about(source: ReportSource) -> Markup:
     rounds = counted(sum(len(group.episodes) for group in source.groups), "round")
-    text = f"{rounds} of {source.facts.name} by {', '.join(source.users)}; mean ± SD."
+    users = ", ".join(Path(user).name for user in source.users)
+    text = f"{rounds} of {source.facts.name} by {users}; mean ± SD."
     about = f" {source.facts.description}." if source.facts.description else ""
     return Markup('<p class="small">{}{}</p>').format(text, about)
 

@@ -39,6 +39,7 @@ from sim2vr_harness.envs.resolved import ResolvedEnv
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.perception import Delayed, Proprioception, Sense
 from sim2vr_harness.users import Body
+from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import DEVICES
 
@@ -252,7 +253,7 @@ class Simulation:
     @property
     def resting_action(self) -> NDArray[np.float32]:
         """Action of the idle baseline, (A,): muscles relax, fingers press no input."""
-        body, names = self.users.resting_action, self.config.user.inputs
+        body, names = Actuation(self.body).rest, self.config.user.inputs
         action = np.zeros(self.action_space.shape[0], np.float32)
         action[: len(body)] = body
         for k, name in enumerate(names, start=len(body)):

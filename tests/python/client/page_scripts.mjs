@@ -43,9 +43,13 @@ const cases = {
     for (const [name, value] of Object.entries(values)) sim.values.set(name, () => value);
     sim.begin();
     const frame = (time, drawn) => [time, [0, 0, 0, 0, 0, 0, 1], [null, null], [], drawn];
-    const first = await sim.step([frame(0, false), frame(50, true)], true);
+    sim.locate = (name) => {
+      if (name !== 'ball') throw new Error('no object');
+      return [1, 2, 3];
+    };
+    const first = await sim.step([frame(0, false), frame(50, true)], true, ['ball', 'bell']);
     sim.session._callbacks.size = 0;
-    const later = await sim.step([frame(1900, false), frame(2100, false)], false);
+    const later = await sim.step([frame(1900, false), frame(2100, false)], false, []);
     return { first, later, calls, now };
   },
 

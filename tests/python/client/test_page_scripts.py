@@ -123,7 +123,7 @@ def test_a_step_runs_frames_and_reads_values() -> None:
         "wrong": [0, "is NaN, expected a finite number"],
         "text": [0, "is string, expected a number, true or false, or x y z"],
     }
-    assert found["first"]["failure"] is None
+    assert (found["first"]["failure"], found["first"]["places"]) == (None, [[1, 2, 3], None])
     assert found["calls"] == [False, True, False, False]
     assert found["now"] == pytest.approx(1000 / 60 + 2100)  # ms from the session's first frame
     # The session went without a frame for 2 s.

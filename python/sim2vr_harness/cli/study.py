@@ -176,7 +176,7 @@ def _made(request: StudyRequest) -> Path:
     out = request.out or Path("studies") / Path(facts.name).stem
     study = {
         "name": "".join(c if c.isalnum() or c in "-_" else "_" for c in out.name),
-        "title": f"Effects of {' and '.join(factors)} in {facts.name} on '{Path(who).name}'",
+        "title": f"Effects of {' and '.join(factors)} in {facts.name} on '{who}'",
         "fixed": fixed,
         "factors": factors,
         "people": request.people or 24,

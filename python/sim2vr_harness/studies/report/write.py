@@ -620,8 +620,7 @@ def _picture(source: ReportSource, published: Published) -> Figure:
 
 def _about(source: ReportSource) -> Markup:
     rounds = counted(sum(len(group.episodes) for group in source.groups), "round")
-    users = ", ".join(Path(user).name for user in source.users)
-    text = f"{rounds} of {source.facts.name} by {users}; mean ± SD."
+    text = f"{rounds} of {source.facts.name} by {', '.join(source.users)}; mean ± SD."
     about = f" {source.facts.description}." if source.facts.description else ""
     return Markup('<p class="small">{}{}</p>').format(text, about)
 

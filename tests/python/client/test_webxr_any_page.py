@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.client import AppDied, AppRefused, WebXRApp, frame_time_ns
+from sim2vr_harness.client.transport import PageStart
 from webxr_pages import NEEDS_BROWSER, NEEDS_ENGINES, hands, open_page, page_with
 
 pytestmark = NEEDS_BROWSER
@@ -61,6 +62,20 @@ def test_what_a_page_can_do_without_is_a_note(tmp_path: Path) -> None:
     assert missing.startswith("not found: https://page.invalid/gone.png")
     assert "Event" in errors
     assert "adds nothing" in errors
+
+
+@pytest.mark.parametrize(("requested_ms", "first_ms"), [(51.0, 59.0), (80.0, 83.0), (50.0, 200.0)])
+def test_vr_begins_when_it_began_in_the_recording(
+    requested_ms: float, first_ms: float, tmp_path: Path
+) -> None:
+    """Whether or not that lies on the page's ticks: what moves is where it was."""
+    script = plays("""button('Enter VR', () => boxes.enter(() => {
+      app.frames = ++frames; app.first ??= performance.now();
+    }, []));""")
+    start = PageStart((16.0, 33.0, 50.0), requested_ms, first_ms)
+    page = page_with(tmp_path, script)
+    with open_page(page, values=named("frames", "first"), page_start=start) as app:
+        assert played(app) == {"frames": 5, "first": first_ms}
 
 
 def test_a_loop_that_an_error_stopped_ends_the_round(shared: Shared) -> None:

@@ -8,6 +8,7 @@
     + (start ? flat.length + Math.ceil(start.first_ms / TICK_MS) : 0);
   const LEAST_TICKS = 120; // after its last click, of a page that has not called WebXR when time is short
   const PART = 30; // of which each call of `enter` runs
+  const MOST_STILL = 30; // at the time of the recorded first frame: a browser enters VR between two ticks
   const CLICK_EVERY = 15;
   const AGAIN_AFTER = 60;
   const MOST_IDLE_MS = 2000; // that a session may go without asking for a frame
@@ -144,7 +145,12 @@
   let shown = 0; // recorded frames that have run
   let clicked = 0; // the tick of the last click
   let free = 0; // ticks in which it could be clicked
-  const nextTime = () => (shown < flat.length ? flat[shown++] : sim.now() + TICK_MS);
+  let still = 0;
+  const nextTime = () => {
+    if (shown < flat.length) return flat[shown++];
+    const time = sim.now() + TICK_MS;
+    return start && time > start.first_ms && still++ < MOST_STILL ? Math.max(sim.now(), start.first_ms) : time;
+  };
   const held = () => start && (shown < flat.length ? flat[shown] : sim.now() + TICK_MS) <= start.requested_ms;
   const doorOf = (element) => {
     sim.door = element;

@@ -203,7 +203,7 @@ def keys_of(panel: Panel) -> list[list[str]]:
     return [list(pair) for pair in dict.fromkeys(pairs)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Figure:
     """Panels that belong together.
 

@@ -3,6 +3,7 @@
 import io
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path as FilePath
 from textwrap import fill
 from typing import Any
@@ -60,14 +61,10 @@ def write_stills(figures: Sequence[Figure], folder: FilePath) -> list[FilePath]:
     ]
 
 
+@lru_cache(maxsize=32)
 def png_of(figure: Figure) -> bytes:
-    """Return a figure as PNG, for pages on paper."""
-    from matplotlib import rc_context
-
-    stream = io.BytesIO()
-    with rc_context(PRINT):
-        _drawn(figure).savefig(stream, format="png", dpi=_DPI, metadata={"Software": None})
-    return stream.getvalue()
+    """Return a figure as PNG: a page on paper and a file beside it have the same."""
+    return _saved(figure, "png", {"Software": None})
 
 
 def write_figure(figure: Figure, file: FilePath) -> FilePath:
@@ -84,14 +81,21 @@ def write_figure(figure: Figure, file: FilePath) -> FilePath:
     ending = file.suffix.lower()
     if ending not in (".png", ".pdf"):
         raise InputError("--out", repr(str(file)), "a file name that ends in .png or .pdf")
+    # Without a date in it, the same figure is the same bytes.
+    content = png_of(figure) if ending == ".png" else _saved(figure, "pdf", {"CreationDate": None})
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with naming(file):
+        file.write_bytes(content)
+    return file
+
+
+def _saved(figure: Figure, kind: str, metadata: dict[str, None]) -> bytes:
     from matplotlib import rc_context
 
-    file.parent.mkdir(parents=True, exist_ok=True)
-    # Without a date in it, the same figure is the same bytes.
-    metadata = {"CreationDate": None} if ending == ".pdf" else {"Software": None}
-    with rc_context(PRINT), naming(file):
-        _drawn(figure).savefig(file, dpi=_DPI, metadata=metadata)
-    return file
+    stream = io.BytesIO()
+    with rc_context(PRINT):
+        _drawn(figure).savefig(stream, format=kind, dpi=_DPI, metadata=metadata)
+    return stream.getvalue()
 
 
 def _drawn(figure: Figure) -> Any:

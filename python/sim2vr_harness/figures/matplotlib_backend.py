@@ -45,15 +45,7 @@ _SYMBOLS = {"circle": "o", "diamond": "D", "x": "x", "square": "s"}
 
 
 def write_stills(figures: Sequence[Figure], folder: FilePath) -> list[FilePath]:
-    """Write every figure as ``KEY.png`` and ``KEY.pdf``.
-
-    Args:
-        figures: Of a report.
-        folder: Made if needed.
-
-    Raises:
-        OSError: names the file, on a full disk for example.
-    """
+    """Write every figure as ``KEY.png`` and ``KEY.pdf``; ``folder`` is made if needed."""
     return [
         write_figure(figure, folder / f"{figure.key}.{ending}")
         for figure in figures

@@ -60,12 +60,9 @@ SKILLS = (
     *("recipe=skills", *STUDENT),
     "env.action_frequency_hz=10",  # no motor layer ships for steps of 0.1 s: the run makes one
     "env.vision.channels=[red, green, blue, depth]",
+    "env.senses=[{sense: vision, history_s: 0.2}, {sense: proprioception}, {sense: time}]",
     *(f"skills.motor_training.{setting}" for setting in PRACTICE),
     *(f"skills.q_learning.{setting}" for setting in LOOKING),
-)
-DECIDER = (
-    "skills.user=hierarchical",
-    "env.senses=[{sense: vision, history_s: 0.2}, {sense: proprioception}, {sense: time}]",
 )
 CONSTANTS: list[tuple[Any, dict[str, object]]] = [  # of the algorithms, as small
     (ImaginedConfig, {"play_steps": 10, "first_fit_minibatches": 20, "fit_minibatches": 20}),
@@ -79,7 +76,7 @@ SETTINGS = {
     "ppo": SHARED,
     "distill": (*SHARED, *DISTILL),
     "skills": (*SHARED, *SKILLS),
-    "skills_decider": (*SHARED, *SKILLS, *DECIDER),
+    "skills_decider": (*SHARED, *SKILLS, "skills.user=hierarchical"),
 }
 MOST_KILLS = 200
 """In one round; a run that is killed so often and not finished makes no progress."""

@@ -56,6 +56,8 @@ class Recorder:
         (folder / "page.html").write_text("<p>")
 
         def restrict() -> None:
+            for way in (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT):  # a shell's jobs ignore some
+                signal.signal(way, signal.SIG_DFL)
             if most_bytes is not None:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, resource.RLIM_INFINITY))
 

@@ -250,15 +250,16 @@ class Simulation:
         self._seeds = [np.random.default_rng() for _ in range(n)]
         self._steps = np.zeros(n, dtype=np.int64)
 
-    @property
+    @cached_property
     def resting_action(self) -> NDArray[np.float32]:
-        """Action of the idle baseline, (A,): muscles relax, fingers press no input."""
+        """Action of the idle baseline, (A,), read-only: muscles relax, fingers press no input."""
         body, names = Actuation(self.body).rest, self.config.user.inputs
         action = np.zeros(self.action_space.shape[0], np.float32)
         action[: len(body)] = body
         for k, name in enumerate(names, start=len(body)):
             if input_named(name).low == 0.0:
                 action[k] = -1.0
+        action.flags.writeable = False
         return action
 
     @property

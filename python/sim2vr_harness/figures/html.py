@@ -15,7 +15,7 @@ from sim2vr_harness.base.optional import needed
 from sim2vr_harness.client import AppError, AppRefused
 from sim2vr_harness.client.webxr.browser import print_page
 from sim2vr_harness.figures.figure import Figure
-from sim2vr_harness.figures.matplotlib_backend import png_of
+from sim2vr_harness.figures.matplotlib_backend import still_of
 from sim2vr_harness.figures.plotly_backend import plotly_of
 
 _TEMPLATES = Environment(
@@ -74,7 +74,7 @@ def image(content: bytes, about: str, kind: str = "png") -> Markup:
 
 def drawn(figure: Figure, *, still: bool = True) -> Markup:
     """Return a figure: its caption, plots for the screen and, if wanted, a still for paper."""
-    content = png_of(figure) if still else b""
+    content = still_of(figure, "png") if still else b""
     # PNG: the width stands behind eight bytes of signature and eight of the first block.
     width = round(100 * min(1.0, int.from_bytes(content[16:20], "big") / _PAPER_PX))
     values = {"still": base64.b64encode(content).decode(), "width": width}

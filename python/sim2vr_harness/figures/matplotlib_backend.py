@@ -54,9 +54,16 @@ def write_stills(figures: Sequence[Figure], folder: FilePath) -> list[FilePath]:
 
 
 @lru_cache(maxsize=32)
-def png_of(figure: Figure) -> bytes:
-    """Return a figure as PNG: a page on paper and a file beside it have the same."""
-    return _saved(figure, "png", {"Software": None})
+def still_of(figure: Figure, kind: str) -> bytes:
+    """Return a figure as ``png`` or ``pdf``: a page on paper and a file beside it have the same."""
+    from matplotlib import rc_context
+
+    # Without a date in it, the same figure is the same bytes.
+    metadata = {"Software": None} if kind == "png" else {"CreationDate": None}
+    stream = io.BytesIO()
+    with rc_context(PRINT):
+        _drawn(figure).savefig(stream, format=kind, dpi=_DPI, metadata=metadata)
+    return stream.getvalue()
 
 
 def write_figure(figure: Figure, file: FilePath) -> FilePath:
@@ -73,21 +80,11 @@ def write_figure(figure: Figure, file: FilePath) -> FilePath:
     ending = file.suffix.lower()
     if ending not in (".png", ".pdf"):
         raise InputError("--out", repr(str(file)), "a file name that ends in .png or .pdf")
-    # Without a date in it, the same figure is the same bytes.
-    content = png_of(figure) if ending == ".png" else _saved(figure, "pdf", {"CreationDate": None})
+    content = still_of(figure, ending[1:])
     file.parent.mkdir(parents=True, exist_ok=True)
     with naming(file):
         file.write_bytes(content)
     return file
-
-
-def _saved(figure: Figure, kind: str, metadata: dict[str, None]) -> bytes:
-    from matplotlib import rc_context
-
-    stream = io.BytesIO()
-    with rc_context(PRINT):
-        _drawn(figure).savefig(stream, format=kind, dpi=_DPI, metadata=metadata)
-    return stream.getvalue()
 
 
 def _drawn(figure: Figure) -> Any:

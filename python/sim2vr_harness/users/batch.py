@@ -373,11 +373,6 @@ class UserBatch:
         return np.zeros((self.n, 5)) if self._head is None else self._head_offsets(self._head, -1)
 
     @property
-    def resting_action(self) -> FloatArray:
-        """(A,) of a user that does nothing: muscles relax, motors keep their targets."""
-        return self._actuation.rest.copy()
-
-    @property
     def act(self) -> FloatArray:
         """(N, M) muscle activations in [0, 1]."""
         return np.array(self._physics.act[:, self._actuation.activations])

@@ -69,9 +69,8 @@ def test_vr_begins_when_it_began_in_the_recording(
     requested_ms: float, first_ms: float, tmp_path: Path
 ) -> None:
     """Whether or not that lies on the page's ticks: what moves is where it was."""
-    script = plays("""button('Enter VR', () => boxes.enter(() => {
-      app.frames = ++frames; app.first ??= performance.now();
-    }, []));""")
+    count = "app.frames = ++frames; app.first ??= performance.now();"
+    script = plays(f"button('Enter VR', () => boxes.enter(() => {{ {count} }}, []));")
     start = PageStart((16.0, 33.0, 50.0), requested_ms, first_ms)
     page = page_with(tmp_path, script)
     with open_page(page, values=named("frames", "first"), page_start=start) as app:

@@ -7,6 +7,7 @@ from python.users.bodies import OWN_ARM, PENDULUM, PENDULUM_DESCRIPTION, write_b
 from python.users.bodies import body as made
 from sim2vr_harness.perception import Proprioception
 from sim2vr_harness.users import MotorNoiseSettings, UserBatch, load_body, make_effort
+from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.registry import installed_bodies
 
 BODY = made(OWN_ARM)
@@ -55,7 +56,7 @@ def test_idleness_tires_no_muscle_and_the_hand_comes_to_rest(name: str) -> None:
     path = []
     for _ in range(1200 if name == "mobl_arms_wrist" else 200):
         path.append(np.stack([batch.device_poses(hand)[0] for hand in hands]))
-        batch.step(np.tile(batch.resting_action, (2, 1)))
+        batch.step(np.tile(Actuation(body).rest, (2, 1)))
     moved = np.linalg.norm(np.array(path) - path[-1], axis=-1)
     assert moved[100:].max() < 0.02
     if body.muscles:
@@ -107,7 +108,7 @@ def test_a_body_without_muscles(tmp_path: Path) -> None:
     batch.step(np.array([[0.5]]))
     assert batch.ctrl.tolist() == [[0.5]]
     assert batch.act.shape == batch.motor.shape == (1, 0)
-    batch.step(batch.resting_action[None])
+    batch.step(Actuation(body).rest[None])
     assert batch.ctrl.tolist() == [[0.0]]
     assert np.isnan(body.peak_forces).all()
     for effort in ("cumulative_fatigue_3ccr", "consumed_endurance"):

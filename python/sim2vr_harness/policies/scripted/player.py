@@ -150,7 +150,7 @@ class Episode:
         self, simulation: Any, steps: Sequence[Step], watched: Collection[str], user: int
     ) -> None:
         self._simulation, self._steps = simulation, steps
-        self._watched, self._user, self._rests = watched, user, simulation.resting_action
+        self._watched, self._user = watched, user
         app = simulation.apps[user]
         self._task: Task | None = app.task if isinstance(app, TaskedApp) else None
         self._places = Places(simulation, user)
@@ -188,7 +188,7 @@ class Episode:
 
     def act(self) -> NDArray[np.float32]:
         """Return the action of the next user step, (A,)."""
-        action: NDArray[np.float32] = self._rests.copy()
+        action: NDArray[np.float32] = self._simulation.resting_action.copy()
         if self._over:
             return action
         if self.begun:

@@ -149,7 +149,7 @@
   const nextTime = () => {
     if (shown < flat.length) return flat[shown++];
     const time = sim.now() + TICK_MS;
-    return start && time > start.first_ms && still++ < MOST_STILL ? Math.max(sim.now(), start.first_ms) : time;
+    return start && time > start.first_ms && still++ < MOST_STILL ? start.first_ms : time;
   };
   const held = () => start && (shown < flat.length ? flat[shown] : sim.now() + TICK_MS) <= start.requested_ms;
   const doorOf = (element) => {
